@@ -343,13 +343,13 @@ class Reproduction(Run):
         from stiff_bench.api.data_sets import load_dataset
         from stiff_bench.api.registered import show
         from stiff_bench.page.site import LeaderboardSite
+        from stiff_bench.page.study_page import study_leaderboard
 
         plan = self.plans[0]
         command = f"{plan.command} --site {shlex.quote(str(folder))}"
-        site = LeaderboardSite(
-            self.study, plan.output, command, load_dataset, show, self.model_statuses
-        )
-        return site.write(folder)
+        stored = Results(plan.output).stored
+        board = study_leaderboard(self.study, stored, self.model_statuses)
+        return LeaderboardSite(self.study, board, command, load_dataset, show).write(folder)
 
 
 def run_of_study(

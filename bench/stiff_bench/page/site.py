@@ -6,7 +6,7 @@ import re
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -17,16 +17,21 @@ from pandas import DataFrame
 from stiff_bench.figures import robot_picture, springs, workspace
 from stiff_bench.figures.board_figures import score_against_cost, score_against_poses
 from stiff_bench.figures.figure_source import FigureSource
-from stiff_bench.page.html import html_page, table_script
-from stiff_bench.page.page import Link, Page, Section, drawn_figures, write_text
-from stiff_bench.page.study_page import study_leaderboard
+from stiff_bench.page.page import (
+    Link,
+    Page,
+    Section,
+    drawn_figures,
+    html_page,
+    table_script,
+    write_text,
+)
 from stiff_bench.paper.study_file import Study
 from stiff_bench.results.columns import RATIO_FORMAT
 from stiff_bench.results.leaderboard_tables import StudyLeaderboard
-from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import sources
 from stiff_bench.store.names import split_word
-from stiff_bench.tables.table import Column, Quantity, Table, text_columns
+from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM
 from stiff_bench.tables.writers import render
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -55,43 +60,29 @@ class LeaderboardSite:
 
     Attributes:
         study: study with a board.
-        results: folder of its results.
+        board: leaderboard of the study.
         command: command that writes the pages.
         load_dataset: function that returns a data set by its name.
         show_model: function that returns the description of a model by its key.
-        statuses: "verified" or "reported" by model; empty: the board has no such column.
     """
 
     study: Study
-    results: Path
+    board: StudyLeaderboard
     command: str
     load_dataset: Callable[[str], Any]
     show_model: Callable[[str], str]
-    statuses: Mapping[str, str] = field(default_factory=dict)
-
-    @cached_property
-    def board(self) -> StudyLeaderboard:
-        """Return the leaderboard; ConfigError: the study has no board, or too few results."""
-        return study_leaderboard(self.study, StoredResults.read(self.results), self.statuses)
 
     @cached_property
     def errors(self) -> DataFrame:
         """Return the mean errors of each model on each data set."""
         return errors_frame(self.board.scores.frame)
 
-    @cached_property
-    def first_tables(self) -> list[Table]:
-        """Return the models with a chart of their ratios, and their other numbers."""
-        ratios, *other_tables = self.board.tables
-        more = [table for table in other_tables if table.about.get("table") == "more"]
-        return [replace(ratios, title="Models", notes=[]), *more]
-
     def write(self, folder: Path) -> Iterator[Path]:
-        """Write all pages into a folder, and yield each file.
+        """Write all pages into a folder, and yield each file; the first page is the last.
 
         Raises:
-            ConfigError: the study has no board, or too few results.
-            StoreError: nothing is stored, or a file cannot be written.
+            ConfigError: the study has too few results.
+            StoreError: a file cannot be written.
         """
         names = [*self.board.board_frame["model"]]
         models = {name: f"{MODELS}/{file_stem(name)}.html" for name in names}
@@ -109,34 +100,36 @@ class LeaderboardSite:
                 yield from sorted(files.iterdir())
             page = Page(name, [section], self.command, from_below, up)
             yield write_text(folder / address, html_page(page, f"../{SCRIPT}"))
-        page = Page(TITLE, [self._first_section(models, datasets)], self.command, pages)
-        yield write_text(folder / INDEX, html_page(page, SCRIPT))
         yield write_text(folder / SCRIPT, table_script())
         scores = render(self.board.tables, "csv", self.command)
         yield write_text(folder / SCORES, f"{scores}\n")
+        page = Page(TITLE, [self._first_section(datasets)], self.command, pages)
+        yield write_text(folder / INDEX, html_page(page, SCRIPT))
 
-    def _first_section(self, models: Mapping[str, str], datasets: Mapping[str, str]) -> Section:
+    def _first_section(self, datasets: Mapping[str, str]) -> Section:
         board, stored, summary = self.board, self.board.stored, self.board.summary
         ratios, *other_tables = board.tables
+        notes = [note for note in ratios.notes if note not in summary.lines]
         counts = Counter(result.run_id for task in stored.tasks for result in task.every)
-        makers = (score_against_cost, score_against_poses)
-        notes = [*self.study.notes, *(note for note in ratios.notes if note not in summary.lines)]
+        figures = drawn_figures(
+            (partial(make, board), self.command)
+            for make in (score_against_cost, score_against_poses)
+        )
         return Section(
             summary.headline,
             f"{self.study.title} · {counts.total()} fits",
             texts=summary.sentences,
-            tables=self.first_tables,
+            tables=[replace(ratios, title="Models", notes=[])],
             sections=[
-                Section("Notes", notes=notes, is_folded=True),
-                Section(
-                    "Cost and number of poses",
-                    figures=drawn_figures((partial(make, board), self.command) for make in makers),
-                ),
+                Section("Notes", notes=[*self.study.notes, *notes], is_folded=True),
+                Section("Cost and number of poses", figures=figures),
                 Section("How sure, and other numbers", tables=other_tables, is_folded=True),
-                Section("Pages of models", links=[Link(*item) for item in models.items()]),
-                Section("Pages of data sets", links=[Link(*item) for item in datasets.items()]),
-                Section("Downloads", links=[Link(f"{SCORES}: all numbers of this page", SCORES)]),
-                Section("Provenance", notes=[sources(self.results, stored.runs, counts)]),
+                Section("Data sets", links=[Link(*item) for item in datasets.items()]),
+                Section(
+                    "Provenance",
+                    notes=[sources(stored.folder, stored.runs, counts)],
+                    links=[Link(f"{SCORES}: all numbers of this page", SCORES)],
+                ),
             ],
         )
 
@@ -144,16 +137,15 @@ class LeaderboardSite:
         number = [*self.board.board_frame["model"]].index(name)
         task = next(task.task for task in self.board.scores.tasks if name in task.scores)
         pair = {key: task.models[key] for key in dict.fromkeys((name, REFERENCE_MODEL))}
-
-        def source(models: Mapping[str, Any]) -> FigureSource:
-            return FigureSource(self.results, (replace(task, models=models),), (name,))
-
-        makers = [
-            partial(workspace.workspace, source({name: pair[name]})),
-            partial(springs.springs, source(pair)),
-        ]
-        scores = [
-            replace(table, rows=table.rows[number : number + 1]) for table in self.first_tables
+        source = FigureSource(self.board.stored.folder, (replace(task, models=pair),), (name,))
+        figures = drawn_figures(
+            (partial(make, source), self.command) for make in (workspace.workspace, springs.springs)
+        )
+        scores = [  # a row per model
+            replace(table, title=title, rows=table.rows[number : number + 1], notes=[])
+            for title, table in zip(
+                ("Leaderboard", "Other numbers"), self.board.tables, strict=False
+            )
         ]
         frame = self.errors[self.errors["model"] == name]
         errors = errors_table("Errors on each data set, best ratio first", "data set", frame)
@@ -164,7 +156,7 @@ class LeaderboardSite:
         return Section(
             name,
             tables=[*scores, errors],
-            figures=drawn_figures((make, self.command) for make in makers),
+            figures=figures,
             sections=[Section("Model and its options", log=about, is_folded=True)],
         )
 
@@ -200,32 +192,25 @@ class LeaderboardSite:
 
 def errors_frame(rows: DataFrame) -> DataFrame:
     """Return a row per model and data set from `Scores.frame`: means over seeds and splits, mm."""
-    rows = rows[rows["error ratio"] > 0.0]
+    rows = rows[rows["error ratio"] > 0.0].rename(columns={"dataset": "data set"})
     columns = {
-        **{"data set": rows["dataset"], "error": MM * rows["error"]},
-        **{"log ratio": np.log(rows["error ratio"]), "noise": MM * rows["noise"]},
+        **{"log": np.log(rows["error ratio"]), "3-D error": MM * rows["error"]},
         **{"95th percentile": MM * rows["p95"], "left on tool paths": rows["path"]},
     }
-    groups = rows.assign(**columns).groupby(["model", "data set", "robot"], sort=False)
-    numbers = ["error", "log ratio", "95th percentile", "left on tool paths", "noise"]
-    means = groups[numbers].mean().reset_index()
-    means["ratio"] = np.exp(means.pop("log ratio"))
-    means["error / noise"] = means["error"] / means.pop("noise")
-    return means.sort_values("ratio", kind="stable")
+    groups = rows.assign(**columns).groupby(["model", "data set"], sort=False)
+    means = groups[[*columns]].mean().reset_index()
+    return means.assign(ratio=np.exp(means["log"])).sort_values("ratio", kind="stable")
 
 
 def errors_table(title: str, first: str, frame: DataFrame) -> Table:
     """Return errors in mm and ratios by the column `first` of an `errors_frame`."""
-    columns = [
-        *text_columns(first, *["robot"] * (first != "model")),
-        Column("3-D error", unit="mm", format=".4f", value=lambda row: row["error"]),
-        Column(
-            "error / VJM's",
-            format=RATIO_FORMAT,
-            value=lambda row: Quantity(row["ratio"], ratio=row["ratio"]),
-        ),
-        Column("95th percentile", unit="mm", format=".4f"),
-        Column("left on tool paths", unit="mm", format=".4f"),
-        Column("error / noise", format=RATIO_FORMAT),
-    ]
-    return Table.of(title, columns, frame)
+
+    def ratio(row: Mapping[str, Any]) -> Quantity:
+        return Quantity(row["ratio"], ratio=row["ratio"])
+
+    error, *more = (
+        Column(name, unit="mm", format=".4f")
+        for name in ("3-D error", "95th percentile", "left on tool paths")
+    )
+    ratios = Column("error / VJM's", format=RATIO_FORMAT, value=ratio)
+    return Table.of(title, [Column(first, "text"), error, ratios, *more], frame)

@@ -14,8 +14,7 @@ from stiff_bench.figures.board_figures import score_against_cost, score_against_
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.page.markdown import markdown_page
-from stiff_bench.page.page import Figure, Page, Section, write_text
+from stiff_bench.page.page import write_text
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import Study
@@ -28,7 +27,7 @@ from stiff_bench.results.scored_task import sort_key
 from stiff_bench.store.database import FILE
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import counted
-from stiff_bench.tables.writers import markdown_code, render
+from stiff_bench.tables.writers import markdown_code, markdown_text, render
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.scoring.metrics import metric
@@ -106,12 +105,11 @@ def check_names(study: Study) -> None:
     Raises:
         ConfigError: a name is unknown.
     """
-    for name in study.tables:
-        if name not in TABLES:
-            raise unknown_name("table of a study", name, TABLES)
-    for name in study.figures:
-        if name not in PICTURES:
-            raise unknown_name("figure of a study", name, PICTURES)
+    every = ("table", study.tables, TABLES), ("figure", study.figures, PICTURES)
+    for kind, names, makers in every:
+        for name in names:
+            if name not in makers:
+                raise unknown_name(f"{kind} of a study", name, makers)
 
 
 def write_page(
@@ -119,21 +117,21 @@ def write_page(
     output: Path,
     command: str,
     n_missing: int,
-    statuses: Mapping[str, str] | None = None,
+    statuses: Mapping[str, str] = MappingProxyType({}),
 ) -> Iterator[Path]:
     """Write OUTPUT/NAME/README.md with its tables and figures, and yield each file.
 
     The results are in OUTPUT/NAME/runs; `n_missing` fits are not computed. The page names tables
-    and figures that cannot be made, with the reason. `statuses` has the status of each model; None
-    omits this column of the board.
+    and figures that cannot be made, with the reason. `statuses` has the status of each model; an
+    empty one omits this column of the board.
 
     Raises:
         StoreError: nothing is stored, a file cannot be written, or a stored file is corrupt.
     """
     folder = output / study.name
     stored = PaperResults.of(folder / "runs")
-    results = StudyResults(study, stored, statuses or {})
-    sections, figures, missing = list[Section](), list[Section](), list[str]()
+    results = StudyResults(study, stored, statuses)
+    missing = list[str]()
 
     def made(kind: str, names: Iterable[str], makers: Makers) -> Iterator[tuple[str, Any]]:
         for name in names:
@@ -142,13 +140,15 @@ def write_page(
             except StiffBenchError as error:
                 missing.append(f"{kind} {name}: {error}")
 
+    notes = [*study.notes, *_provenance(stored, command, n_missing)]
+    parts = [f"# {markdown_text(study.title)}", _listed(notes)]
     for name, tables in made("Table", study.tables, TABLES):
         for fmt, suffix in TABLE_FILES.items():
             line = f"bench table {name} --format {fmt}" if name.isdecimal() else command
-            file = folder / "tables" / f"{_stem('table', name)}.{suffix}"
-            yield write_text(file, f"{render(tables, fmt, line)}\n")
-            if fmt == "github":
-                sections.append(Section("", tables=tables, command=line))
+            text = render(tables, fmt, line)
+            parts += [text] * (fmt == "github")
+            yield write_text(folder / "tables" / f"{_stem('table', name)}.{suffix}", f"{text}\n")
+    figures = list[str]()
     for name, figure in made("Figure", study.figures, PICTURES):
         make_folder(folder / "figures")
         address = f"figures/{_stem('figure', name)}"
@@ -156,17 +156,16 @@ def write_page(
             picture = folder / f"{address}.{suffix}"
             figure.save(picture)
             yield picture
-        number = f"Figure {name}: " if name.isdecimal() else ""
-        placed_figure = Figure(figure.title, figure.caption, f"{address}.png")
-        figures.append(Section(f"{number}{figure.title}", figures=[placed_figure]))
-    notes = [*study.notes, *_provenance(stored, command, n_missing)]
-    sections = [
-        Section("", notes=notes),
-        *sections,
-        *([Section("Figures", sections=figures)] if figures else []),
-        *([Section("Not made", notes=missing)] if missing else []),
-    ]
-    yield write_text(folder / "README.md", f"{markdown_page(Page(study.title, sections))}\n")
+        title, number = markdown_text(figure.title), f"Figure {name}: " * name.isdecimal()
+        caption = f"{markdown_text(figure.caption)} ([PDF]({address}.pdf))"
+        figures += [f"### {number}{title}", f"![{title}]({address}.png)", caption]
+    parts += ["## Figures", *figures] if figures else []
+    parts += ["## Not made", _listed(missing)] if missing else []
+    yield write_text(folder / "README.md", "\n\n".join(parts) + "\n")
+
+
+def _listed(lines: Iterable[str]) -> str:
+    return "\n".join(f"- {markdown_text(line)}" for line in lines)
 
 
 def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:

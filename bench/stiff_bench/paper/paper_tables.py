@@ -100,10 +100,9 @@ def number_columns(
     def column(name: str) -> Column:
         return Column(
             name,
-            format=f".{decimals}f",
+            format=lambda number: number.text(f".{decimals}f"),  # without its mark
             group=group,
             about=about,
-            marks_shown=False,
             value=lambda row: numbers.get((row, name)),
         )
 

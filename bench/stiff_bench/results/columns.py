@@ -109,8 +109,7 @@ VERDICT = Column(
 WON = Column("won", value=lambda row: Quantity(share=(int(row["won"]), int(row["n robots"]))))
 WORST = Column(
     "worst robot",
-    format=RATIO_FORMAT,
-    marks_shown=False,
+    format=lambda worst: worst.text(RATIO_FORMAT),
     value=lambda row: (
         None
         if row["model"] == REFERENCE_MODEL
@@ -121,7 +120,9 @@ FIT = Column(
     "fit", unit="s", format=lambda fit: duration(fit.value), value=lambda row: number(row, "fit_s")
 )
 CHANGE = Column(
-    *("vs VJM", "number", "%", "+.0f"), by_sign=-1, value=lambda row: change(number(row, "ratio"))
+    *("vs VJM", "number", "%", "+.0f"),
+    is_change=True,
+    value=lambda row: change(number(row, "ratio")),
 )
 P_REFERENCE = _number_column("p against the VJM", "p", ".2g")
 P_BEST = _number_column("p against the best", "p best", ".2g")
@@ -205,7 +206,6 @@ def board_tables(
             *notes,
         ],
         about={"table": "board"},
-        best_first=True,
     )
     certainty = Table.of(
         f"How sure, over {scores.scope}",
@@ -404,13 +404,12 @@ def task_table(task: ScoredTask, title: str = "") -> Table:
         [
             MODEL,
             Column("3-D error", format=SCREEN_FORMAT, value=error),
-            Column("vs VJM", format=signed_percent, by_sign=-1, value=ratio),
+            Column("vs VJM", format=signed_percent, is_change=True, value=ratio),
             *(paths if has_paths else axes),
             Column("largest", format=SCREEN_FORMAT, value=_mean_of("norm-max")),
         ],
         rows,
         unit="mm",
-        best_first=bool(models),
     )
 
 
@@ -466,7 +465,6 @@ def dataset_table(scores: Scores, models: Sequence[str], notes: Sequence[str]) -
             **{"table": "data set", "dataset": first.name.dataset, "kind": first.kind},
             **{"protocol": first.name.protocol, "condition": first.name.condition},
         },
-        best_first=True,
     )
 
 

@@ -196,7 +196,7 @@ class Comparison:
     def _columns(self, *, on_screen: bool) -> list[Column]:
         """Return the columns of numbers."""
         length = ".3f" if on_screen else ".4f"
-        change = [Column("vs B", format=signed_percent, by_sign=-1)]
+        change = [Column("vs B", format=signed_percent, is_change=True)]
         tests = [Column("p", format=".2g")]
         tests += [Column(name, format=_chance_text) for name in CHANCES]
         return [

@@ -98,8 +98,7 @@ class Column:
         group: heading above the names of several columns.
         about: facts about the column for csv and json, such as metric and axis.
         hidden: True if only csv and json have the column, because the title has its value.
-        marks_shown: False if only csv and json have the marks of its cells.
-        by_sign: 1: cells above zero are coloured as better, below as worse; -1: the reverse.
+        is_change: True if cells below zero are coloured as better, and above as worse.
         is_chart: True if an HTML page shows ratio and interval of the cells as a chart; other
             formats print them as text.
         value: function that makes the cell from the record of a row, such as a model; None: the
@@ -113,8 +112,7 @@ class Column:
     group: str = ""
     about: Mapping[str, object] = field(default_factory=dict)
     hidden: bool = False
-    marks_shown: bool = True
-    by_sign: int = 0
+    is_change: bool = False
     is_chart: bool = False
     value: Callable[[Any], Entry] | None = None
 
@@ -125,8 +123,8 @@ class Column:
             return "-" if cell is None else str(cell)
         if callable(self.format):
             return number.status or "-" if number.order is None else self.format(number)
-        mark = number.mark if self.marks_shown else ""
-        return " ".join(filter(None, (number.text(self.format), number.status, mark))) or "-"
+        parts = (number.text(self.format), number.status, number.mark)
+        return " ".join(filter(None, parts)) or "-"
 
 
 def text_columns(*names: str) -> list[Column]:
@@ -162,7 +160,6 @@ class Table(BriefFields):
         details: long notes, only in json.
         brief: True to print only `MOST_NOTES` of its notes; json has all.
         formats: formats of `render` that include the table; empty: all.
-        best_first: True if the first row is the best.
     """
 
     title: str
@@ -174,7 +171,6 @@ class Table(BriefFields):
     details: Sequence[str] = ()
     brief: bool = False
     formats: Collection[str] = ()
-    best_first: bool = False
 
     @classmethod
     def of(

@@ -7,15 +7,14 @@ column. Texts of third parties are never interpreted as markup.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby
-from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stiff_bench.console import one_line
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Table, quantity
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
 SMALLEST_WIDTH, USUAL_WIDTH = 60, 100
 """Smallest supported width of a terminal, and width of an unknown terminal, in characters."""
@@ -24,7 +23,6 @@ LONG_TEXT = 24
 ONE_LINE = 10
 """Longest heading without line breaks, in characters."""
 GAP = 2
-BETTER, WORSE = "green", "red"
 
 
 def screen_console(width: int | None = None, *, colors: bool | None = None) -> Console:
@@ -42,7 +40,6 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
         highlight=False,
         markup=False,
         emoji=False,
-        legacy_windows=False,
         force_jupyter=False,  # else a notebook shows each line as an output
     )
     usual = console.width if console.is_terminal else USUAL_WIDTH
@@ -77,105 +74,75 @@ def print_lines(console: Console, text: str, style: str = "") -> None:
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print title, blocks of columns and notes."""
+    """Print title, blocks of columns and notes.
+
+    Numbers and names are not broken. A long text may be, and a name that fills the screen.
+    """
+    from rich import box
+    from rich.cells import cell_len
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
     if table.title:
         print_lines(console, table.title, style="bold")
-    widths = [_width(table, number) for number in range(len(table.columns))]
-    least = [_least_width(table, number, widths, console.width) for number in range(len(widths))]
-    for block in _blocks(table, least, console.width):
+    cells = [
+        [_cell(column, cell) for column, cell in zip(table.columns, row, strict=True)]
+        for row in table.rows
+    ]
+    headings, widths, least = table.headings(), list[int](), list[int]()
+    for number, (column, heading) in enumerate(zip(table.columns, headings, strict=True)):
+        words = [heading] if len(heading) <= ONE_LINE else heading.split()
+        widths.append(max([*map(cell_len, words), *(row[number].cell_len for row in cells)]))
+        may_break = column.kind == "text" and (number or widths[0] > console.width * 0.6)
+        least.append(min(widths[number], LONG_TEXT) if may_break else widths[number])
+    for block in _blocks(least, console.width):
+        made = RichTable(
+            box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, GAP - 1, 0, 0)
+        )
+        for number in block:
+            is_fixed = least[number] == widths[number]
+            made.add_column(
+                Text(headings[number], style="bold", no_wrap=False),
+                justify="left" if table.columns[number].kind == "text" else "right",
+                width=widths[number] if is_fixed else None,
+                min_width=least[number],
+                no_wrap=is_fixed,
+                overflow="fold",
+            )
+        for row in cells:
+            made.add_row(*(row[number] for number in block))
         console.print()
-        console.print(_rich_table(table, widths, least, block))
+        console.print(made)
     if table.notes:
         console.print()
     for note in table.notes:
         print_lines(console, note, style="dim")
 
 
-def _width(table: Table, number: int) -> int:
-    """Return the width of a column in characters: its longest cell or word of the heading."""
-    from rich.cells import cell_len
-
-    column = table.columns[number]
-    heading = table.heading(column)
-    words = [*column.group.split(), *([heading] if len(heading) <= ONE_LINE else heading.split())]
-    cells = [_cell_text(column, row[number]) for row in table.rows]
-    return max(map(cell_len, [*words, *cells]), default=1)
-
-
-def _least_width(table: Table, number: int, widths: Sequence[int], width: int) -> int:
-    """Return the width to which a column may be narrowed; names only if they fill the screen."""
-    may_be_narrower = table.columns[number].kind == "text" and (number or widths[0] > width * 0.6)
-    return min(widths[number], LONG_TEXT) if may_be_narrower else widths[number]
-
-
-def _blocks(table: Table, least: Sequence[int], width: int) -> Iterator[list[int]]:
-    """Yield the column numbers of each block; a group that fits a block is not divided."""
-    if not least:
-        return
-    block, spare = [0], width - least[0]
-    numbers = range(1, len(least))
-    for _, members in groupby(numbers, lambda number: table.columns[number].group or number):
-        group = [*members]
-        is_whole = sum(least[number] + GAP for number in group) <= width - least[0]
-        for part in [group] if is_whole else [[number] for number in group]:
-            needed = sum(least[number] + GAP for number in part)
-            if len(block) > 1 and needed > spare:
-                yield block
-                block, spare = [0], width - least[0]
-            block += part
-            spare -= needed
+def _blocks(widths: Sequence[int], width: int) -> Iterator[list[int]]:
+    """Yield the column numbers of each block of at most `width` characters."""
+    block, spare = [0], width - widths[0]
+    for number, needed in enumerate(widths[1:], start=1):
+        if len(block) > 1 and needed + GAP > spare:
+            yield block
+            block, spare = [0], width - widths[0]
+        block.append(number)
+        spare -= needed + GAP
     yield block
 
 
-def _rich_table(
-    table: Table, widths: Sequence[int], least: Sequence[int], block: Sequence[int]
-) -> Any:
-    from rich import box
-    from rich import table as rich_table
+def _cell(column: Column, entry: Entry) -> Text:
+    """Return a cell; the best of a column is bold, changes are coloured.
+
+    The mark of the best is in front, so that numbers stay aligned.
+    """
     from rich.text import Text
 
-    made = rich_table.Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, GAP - 1, 0, 0))
-    made.pad_edge = False
-    above = ""
-    for number in block:
-        column = table.columns[number]
-        group = "" if column.group == above else column.group
-        above = column.group or above
-        lines = filter(None, (group, table.heading(column)))
-        made.add_column(
-            Text("\n".join(fill(line, widths[number]) for line in lines), style="bold"),
-            justify="left" if column.kind == "text" else "right",
-            min_width=least[number],
-            no_wrap=least[number] == widths[number],
-            overflow="fold",
-        )
-    for row in table.rows:
-        cells = [_cell(table.columns[number], row[number]) for number in block]
-        if table.best_first and row is table.rows[0]:
-            cells[0].stylize(f"bold {BETTER}")
-        made.add_row(*cells)
-    return made
-
-
-def _is_best(entry: Entry) -> bool:
-    number = quantity(entry)
-    return number is not None and BEST_MARK in number.mark
-
-
-def _cell_text(column: Column, entry: Entry) -> str:
-    """Return a cell as text; the mark of the best is in front, so that numbers stay aligned."""
-    text = one_line(column.text(entry))
-    return f"{BEST_MARK} {text.removesuffix(BEST_MARK).rstrip()}" if _is_best(entry) else text
-
-
-def _cell(column: Column, entry: Entry) -> Any:
-    """Return a cell; the best of a column is bold, changes are coloured."""
-    from rich.text import Text
-
-    number = quantity(entry)
-    style = ""
-    if _is_best(entry):
-        style = f"bold {BETTER}"
-    elif number is not None and column.by_sign and number.order:
-        style = BETTER if number.order * column.by_sign > 0.0 else WORSE
-    return Text(_cell_text(column, entry), style=style)
+    text, number = one_line(column.text(entry)), quantity(entry)
+    if number is None or number.order is None:
+        return Text(text)
+    if BEST_MARK in number.mark:
+        return Text(f"{BEST_MARK} {text.removesuffix(BEST_MARK).rstrip()}", style="bold green")
+    if column.is_change and number.order:
+        return Text(text, style="green" if number.order < 0.0 else "red")
+    return Text(text)

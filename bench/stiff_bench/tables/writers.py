@@ -99,20 +99,15 @@ def markdown_text(text: str) -> str:
     return _MARKDOWN_SIGNS.sub(r"\\\g<0>", one_line(text))
 
 
-def _markdown_cell(text: str) -> str:
-    return markdown_text(text).replace("|", r"\|")
-
-
 def markdown_code(text: str) -> str:
-    """Return a text as markdown code, in more backticks than it contains in a row."""
-    longest = max(map(len, re.findall("`+", text)), default=0)
-    return f"`{text}`" if longest == 0 else f"{'`' * (longest + 1)} {text} {'`' * (longest + 1)}"
+    """Return a text in one line as Markdown code, without its backticks."""
+    return f"`{one_line(text).replace('`', '')}`"
 
 
 def _github(table: Table, command: str) -> str:
-    body = _columns(table, "github", _markdown_cell)
+    body = _columns(table, "github", lambda cell: markdown_text(cell).replace("|", r"\|"))
     notes = [*map(markdown_text, table.notes)]
-    notes += [f"made by: {markdown_code(one_line(command))}"] if command else []
+    notes += [f"made by: {markdown_code(command)}"] if command else []
     listed = [f"- {note}" for note in notes]
     return "\n".join([f"**{markdown_text(table.title)}**", "", body, "", *listed]).rstrip("\n")
 
@@ -228,9 +223,8 @@ def _plain(table: Table) -> dict[str, object]:
         {**texts, **({"values": [*map(_without_empty_fields, values)]} if values else {})}
         for texts, values in table.records()
     ]
-    details = {"details": list(table.details)} if table.details else {}
-    notes = {"notes": list(table.notes), **details}
-    return {"title": table.title, **table.about, **notes, "rows": rows}
+    details = {"details": [*table.details]} if table.details else {}
+    return {"title": table.title, **table.about, "notes": [*table.notes], **details, "rows": rows}
 
 
 def _without_empty_fields(value: Mapping[str, object]) -> dict[str, object]:

@@ -98,7 +98,7 @@ def test_nothing_is_wider_than_the_screen_and_every_picture_is_shown(browser, si
     widths = browser.execute_script(
         "return [...document.images].map((image) => image.naturalWidth)"
     )
-    assert len(widths) > 2 and all(widths)
+    assert len(widths) == 2 and all(widths)
 
 
 def test_the_answer_and_the_best_models_with_their_charts_are_on_the_first_screen(browser):

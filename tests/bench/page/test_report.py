@@ -7,25 +7,14 @@ from dataclasses import replace
 import pytest
 
 import stiffbench as sb
-from helpers.compared_results import fifths, spread, steady, store_results
 from helpers.made_results import TWINS, MadeResults, change
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.page import report
-from stiff_bench.page.report import PageOptions, folder_section, pair_table
-from stiff_bench.results.leaderboard import build_leaderboard
-from stiff_bench.results.load import StoredResults
-from stiff_bench.results.scored_task import sort_key
-from stiff_bench.results.selection import Selection
+from stiff_bench.page.report import folder_section
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 pytestmark = pytest.mark.usefixtures("no_figures")
-MODELS = {
-    "good": spread(1e-5, 2e-6, seed=1),
-    "bad": spread(5e-4, 1e-4, seed=2),
-    "nearly": steady(1.0e-5, 1.1e-5, 1.2e-5, 1.1e-5, 1.0e-5),
-}
-WON = {"a": "1 : 0", "b": "0 : 1", "equivalent": "0 : 0", "open": "0 : 0"}
 
 
 @pytest.fixture()
@@ -41,10 +30,8 @@ def results(tmp_path):
     return made
 
 
-def section_of(folder, metric="norm", axis=None, seed=0, **choice):
-    options = PageOptions(Selection(**choice), metric, axis, seed)
-    key = sort_key(options.metric, options.axis)
-    return folder_section(StoredResults.read(folder), options, key)
+def section_of(folder, **choice):
+    return folder_section(sb.open_results(folder).select(**choice))
 
 
 def parts_of(folder, **choice):
@@ -54,7 +41,7 @@ def parts_of(folder, **choice):
 def test_the_page_opens_with_facts_the_answer_the_models_and_the_matrix(results):
     section = section_of(results.folder)
     assert section.about.startswith(
-        "runs-of-today · now · 3 models, 2 data sets, 1 protocol, 12 fits, 0 failed · 2 simulated"
+        "runs-of-today · now · 3 models, 2 data sets, 1 protocol, 12 fits · score: "
     )
     assert section.heading and section.texts and not section.notes
     models, matrix = section.tables
@@ -67,16 +54,12 @@ def test_the_page_opens_with_facts_the_answer_the_models_and_the_matrix(results)
     assert ratios["mlp"] == pytest.approx(charts[2].ratio) and ratios["vjm"] == pytest.approx(1.0)
 
 
-def test_every_model_is_in_ranks_pairs_and_scores(results):
+def test_every_model_is_ranked_and_has_its_metrics_on_each_data_set(results):
     parts = parts_of(results.folder)
     assert parts["Notes on the data"].notes == ["made up, never measured"]
     assert [row[0] for row in parts["Leaderboard"].tables[0].texts()] == ["vjm", "gp", "mlp"]
-    (pairs,) = parts["Pairs of models"].tables
-    assert [row[0] for row in pairs.texts()] == ["1 vjm", "2 gp", "3 mlp"]
-    (scores,) = parts["Scores"].tables
-    rows = {tuple(row[:2]): row for row in scores.texts()}
-    assert len(rows) == 6
-    assert rows["vjm", TWINS[0]][5:7] == ["2/2", "0.1500 ± 0.0707"]
+    first, second = parts["Metrics of each data set"].tables
+    assert first.title.startswith(TWINS[0]) and second.title.startswith(TWINS[1])
     data = {row[0]: row for row in parts["Robots and data"].tables[0].texts()}
     assert data[TWINS[0]][1:6] == ["simulated", "kr10_r1100_2", "0.06, 0, 0.08", "12", "12"]
     assert {len(row[-1]) for row in data.values()} == {64}
@@ -97,41 +80,34 @@ def test_identified_stiffnesses_are_listed_with_the_data(results):
     assert [row[3:] for row in stiffnesses.texts()] == [["A1 [Nm/rad]", "1,100 ± 141"]] * 2
 
 
-def test_runs_are_listed_with_commit_command_and_results_even_without_a_manifest(results):
-    results.add("vjm", [0.1, 0.2], "other", run_id="run-lost")
+def test_runs_are_listed_with_their_commit_and_command(results):
     provenance = parts_of(results.folder)["Provenance"]
-    row, lost = provenance.tables[0].texts()
+    (row,) = provenance.tables[0].texts()
     assert row[0] == "run-1" and {"bench run", "finished"} <= set(row)
     assert "stiffbench 9.9 at 01234567" in row[-1]
-    assert (lost[0], lost[-2]) == ("a run without a manifest", "2")
     assert "commit: 0123456789abcdef" in provenance.sections[0].log
 
 
-def test_failures_are_listed_with_reason_cause_and_log_and_equal_failures_together(results):
+def test_failures_have_a_line_per_reason_and_equal_logs_are_shown_once(results):
     keys = results.add("bad", [0.1], TWINS[0], failed=(1, 2))
     for key in keys[1:]:
         store = ResultStore(results.folder)
         (failed,) = (result for result in read_results(results.folder, {key}))
         store.write_cells([replace(failed, cause="ValueError", log=("first", "last <b>"))])
+    for key in results.add("tabm", failed=(0, 1)):
+        (failed,) = read_results(results.folder, {key})
+        reason = {"status": "skipped", "failure": "needs the package pytabkit"}
+        ResultStore(results.folder).write_cells([replace(failed, **reason)])
     part = parts_of(results.folder)["Failed and skipped"]
-    (row,) = part.tables[0].texts()
-    assert row == ["bad", TWINS[0], "holdout", "-", "it broke", "ValueError", "1, 2"]
-    assert [log.log for log in part.sections] == ["first\nlast <b>"]
+    assert sorted(part.notes) == [
+        "FAILED: bad (2 fits): it broke",
+        "SKIPPED: tabm (2 fits): needs the package pytabkit",
+    ]
+    (log,) = part.sections
+    assert log.log == "first\nlast <b>" and log.heading == f"Log of bad | {TWINS[0]} | holdout"
 
 
-def test_skipped_fits_are_one_line_per_reason(results):
-    for model in ("realmlp", "tabm"):
-        for key in results.add(model, failed=(0, 1)):
-            (failed,) = read_results(results.folder, {key})
-            reason = {"status": "skipped", "failure": "needs the package pytabkit"}
-            ResultStore(results.folder).write_cells([replace(failed, **reason)])
-    part = parts_of(results.folder)["Failed and skipped"]
-    (line,) = part.notes
-    assert "realmlp, tabm (4 fits)" in line and "pytabkit" in line
-    assert not part.tables
-
-
-def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
+def test_what_cannot_be_ranked_has_metrics_and_a_reason(results):
     """A single model is compared with the VJM; missing samples prevent an answer."""
     section = section_of(results.folder, models=("mlp",))
     assert "nothing to compare" in section.notes[0]
@@ -140,24 +116,10 @@ def test_what_cannot_be_ranked_has_scores_and_a_reason(results):
     section = section_of(results.folder)
     assert not section.tables and section.notes[0].startswith("No summary: ")
     parts = {part.heading: part for part in section.sections}
-    assert "Leaderboard" not in parts and "Pairs of models" not in parts
-    assert len(parts["Scores"].tables[0].rows) == 6
+    assert "Leaderboard" not in parts and len(parts["Metrics of each data set"].tables) == 2
 
 
-def test_choices_narrow_everything_and_are_part_of_the_commands(results):
-    parts = parts_of(
-        results.folder, models=("vjm", "mlp"), datasets=(TWINS[1],), metric="mae", axis="z"
-    )
-    assert len(parts["Scores"].tables[0].rows) == 2
-    assert parts["Leaderboard"].command == (
-        f"bench leaderboard --results {results.folder} --model vjm --model mlp --dataset "
-        f"{TWINS[1]} --metric mae --axis z"
-    )
-
-
-def test_figures_are_of_all_results_or_of_one_comparison_and_broken_ones_are_left_out(
-    results, monkeypatch
-):
+def test_figures_are_of_the_selected_results_and_broken_ones_are_left_out(results, monkeypatch):
     drawn = []
 
     def figure(source):
@@ -169,44 +131,26 @@ def test_figures_are_of_all_results_or_of_one_comparison_and_broken_ones_are_lef
     def broken(source):
         raise StoreError("no curves")
 
-    figures = {"losses": broken, "scores": figure, "errors": figure}
-    monkeypatch.setattr(report, "FIGURES", figures)
-    results.add("vjm", [0.1, 0.2], "other")
-    part = parts_of(results.folder)["Figures"]
-    assert sorted(drawn, key=len) == [[TWINS[0]], ["other"], [*TWINS[:2], "other"]]
-    assert [figure.title for figure in part.figures] == ["drawn"]
-    assert "bench figure scores " in part.figures[0].command
-    (_, of_other) = part.sections
-    assert "--dataset other --protocol holdout" in of_other.figures[0].command
-    monkeypatch.setattr(report, "MOST_TASKS", 1)
-    part = parts_of(results.folder)["Figures"]
-    assert len(part.sections) == 1 and "first 1 of 2" in part.notes[0]
+    monkeypatch.setattr(report, "FIGURES", {"losses": broken, "scores": figure})
+    (drawn_figure,) = parts_of(results.folder, datasets=(TWINS[1],))["Figures"].figures
+    assert drawn == [[TWINS[1]]] and drawn_figure.title == "drawn"
+    options = f"--results {results.folder} --dataset {TWINS[1]}"
+    assert drawn_figure.command == f"bench figure scores {options}"
 
 
 def test_protocols_that_select_on_test_have_their_own_table(results):
     for model in ("vjm", "mlp"):
         results.add(model, [0.1, 0.2], protocol="paper", selects_on_test=True, warning="not fair")
-    parts = parts_of(results.folder)
-    assert "not fair" in parts["Leaderboard (epoch picked on test part)"].tables[0].notes
-    assert "Pairs of models (epoch picked on test part)" in parts
-    assert "not fair" not in parts["Leaderboard"].tables[0].notes
+    tables = parts_of(results.folder)["Leaderboard"].tables
+    notes = {table.title: table.notes for table in tables}
+    (unfair,) = (title for title, of_table in notes.items() if "not fair" in of_table)
+    assert "not a fair comparison" in unfair and len(notes) > 1
 
 
-@pytest.mark.parametrize(("n_splits", "options"), [(5, {}), (1, {}), (5, {"pooled": True})])
-def test_every_pair_has_the_verdict_of_the_leaderboard_and_its_mirror_image(
-    tmp_path, n_splits, options
-):
-    folder = store_results(tmp_path, MODELS, tests=fifths(5)[:n_splits], **options)
-    board = build_leaderboard(StoredResults.read(folder), sort_key("norm", None))
-    table = pair_table(board.sections[0])
-    names = [row[0].split()[1] for row in table.texts()]
-    cells = {row[0].split()[1]: dict(zip(names, row[1:], strict=True)) for row in table.texts()}
-    for a in MODELS:
-        for b in MODELS:
-            verdict = board.sections[0].tasks[0].verdict(a, b)
-            assert cells[a][b] == ("-" if a == b else WON[verdict])
-    if n_splits > 1:  # five poses cannot show a difference among that number of pairs
-        assert cells["good"]["bad"] == "1 : 0"
+def test_a_selection_without_results_is_refused(results):
+    results.add("vjm", [0.1], "other", "paper")
+    with pytest.raises(ConfigError, match="dataset other, protocol holdout"):
+        section_of(results.folder, datasets=("other",), protocols=("holdout",))
 
 
 def test_several_folders_are_parts_of_one_page_and_each_has_every_model_named(results, tmp_path):
@@ -218,3 +162,5 @@ def test_several_folders_are_parts_of_one_page_and_each_has_every_model_named(re
     assert text.startswith("<!DOCTYPE html>") and text.count("<h2") == 2
     with pytest.raises(ConfigError, match="'vjm'"):
         sb.report(page, [folder.select(models=["vjm"]) for folder in folders])
+    with pytest.raises(ConfigError, match="given twice"):
+        sb.report(page, [folders[0], folders[0]])
