@@ -153,9 +153,6 @@ def folder_section(stored: StoredResults, choice: PageOptions, key: SortKey) -> 
     ]
     headline, texts, tables = folder.name or str(folder), list[tuple[str, str]](), list[Table]()
     if scores:
-        notes += [
-            f"Not in the summary: {name} ({reason})." for name, reason in scores.left_out.items()
-        ]
         models = model_frame(scores)
         summary = summarize(scores, models)
         headline, texts = summary.headline, summary.sentences

@@ -118,7 +118,7 @@ class LeaderboardSite:
     def _first_section(self, models: Mapping[str, str], datasets: Mapping[str, str]) -> Section:
         board, stored, summary = self.board, self.board.stored, self.board.summary
         ratios, *other_tables = board.tables
-        counts = Counter(result.run_id for task in stored.tasks for result in task.every)
+        counts = Counter(result.run_id for result in stored.every)
         makers = (score_against_cost, score_against_poses)
         notes = [*self.study.notes, *(note for note in ratios.notes if note not in summary.lines)]
         return Section(

@@ -171,7 +171,7 @@ def write_page(
 
 def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:
     """Yield notes: the command, the versions, and each machine."""
-    results = [result for task in stored.tasks for result in task.every]
+    results = stored.every
     yield f"made by {markdown_code(command)}"
     if n_missing:
         yield f"not finished: {counted(n_missing, 'fit')} not computed"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,10 +22,11 @@ from stiff_bench.results.notes import (
     same_name_other_data,
     sources,
 )
-from stiff_bench.results.scored_task import SortKey, score_task
+from stiff_bench.results.scored_task import SortKey
 from stiff_bench.results.scores import Scores
 from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.store.names import grouped, labels, without_options
+from stiff_bench.tables.units import first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
@@ -101,17 +102,15 @@ def model_frame(
     by_model = scores.frame.groupby("model")
     table = DataFrame(index=Index(scores.models, name="model"))
     table["mark"] = [scores.mark(name) for name in table.index]
-    table["median"] = by_model["error"].median()
-    table["n tasks"] = by_model.size()
+    table["median"], table["n tasks"] = by_model["error"].median(), by_model.size()
     ratios = by_model["error ratio"]
     table["smallest"], table["largest"] = ratios.min(), ratios.max()
     logs = robot_logs(rows, "error ratio", partial=True)
     table["ratio"] = logs.apply(_mean).map(math.exp)
     table["complete"] = table["n tasks"] == len(scores.tasks)
-    table["fit_s"] = [
-        scores.fit_s(name, scores.tasks if claim is None else rows["task"].unique())
-        for name in table.index
-    ]
+    tasks = rows["task"].unique()
+    times = {name: [cost.fit_s for cost in scores.costs(name, tasks)] for name in table.index}
+    table["fit_s"] = [float(np.median(of)) if of else math.nan for of in times.values()]
     if claim is not None:
         table = _with_robots(table, scores, logs, few or {}, groups or {})
     order = table["ratio"].fillna(scores.key.sign * table["median"])
@@ -135,7 +134,7 @@ def _with_robots(
         if column.count() >= 2:
             mean = mean_ratio(column.dropna())
             table.loc[name, ["low", "high"]] = mean.low, mean.high
-    logs = robot_logs(rows, "error ratio").dropna(axis="columns")
+    logs = complete_logs(scores)
     table["complete"] |= table.index.isin(logs.columns)
     if logs.empty:
         return table
@@ -143,9 +142,8 @@ def _with_robots(
     table["n robots"] = len(logs)
     table["won"] = logs.idxmin(axis="columns").value_counts().reindex(logs.columns).fillna(0)
     table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
-    left_out = {name: without_one(logs[name]) for name in logs}
-    table["without low"] = Series({name: of.min() for name, of in left_out.items()})
-    table["without high"] = Series({name: of.max() for name, of in left_out.items()})
+    left_out = logs.apply(without_one)
+    table["without low"], table["without high"] = left_out.min(), left_out.max()
     table["p"] = _p_values(logs, REFERENCE_MODEL)
     table["p best"] = _p_values(logs, best)
     table["like best"] = Series(
@@ -184,27 +182,13 @@ def _p_values(logs: DataFrame, rival: object) -> Series[float]:
     return Series(corrected_p_values(differences), dtype=float)
 
 
-def with_verdict_counts(table: DataFrame, scores: Scores) -> DataFrame:
-    """Add the numbers of tasks in which a model is `better` than the VJM, `worse`, or `open`."""
-    counts = {
-        name: Counter(verdict for task in scores.tasks if (verdict := task.verdict(name)))
-        for name in table["model"]
-    }
-    return table.assign(
-        better=[counts[name]["a"] for name in table["model"]],
-        worse=[counts[name]["b"] for name in table["model"]],
-        open=[counts[name]["open"] + counts[name]["equivalent"] for name in table["model"]],
-    )
-
-
-def robot_ratios(scores: Scores) -> DataFrame:
-    """Return (robots, models) ratios to the VJM's error, for models with every score."""
+def complete_logs(scores: Scores) -> DataFrame:
+    """Return (robots, models) logarithms of error / VJM's error, of models with every score."""
     from pandas import DataFrame  # slow, and a single task needs no frame
 
     if scores.claim is None:
         return DataFrame()
-    logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
-    return logs.map(math.exp)
+    return robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
 
 
 def control_frame(scores: Scores, pairs: Mapping[str, str]) -> DataFrame:
@@ -215,31 +199,15 @@ def control_frame(scores: Scores, pairs: Mapping[str, str]) -> DataFrame:
     """
     from pandas import DataFrame  # slow, and a single task needs no frame
 
-    if scores.claim is None:
-        return DataFrame()
-    logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
-    there = {a: b for a, b in pairs.items() if a in logs and b in logs}
-    differences = {a: logs[a] - logs[b] for a, b in there.items()}
+    logs = complete_logs(scores)
+    differences = {a: logs[a] - logs[b] for a, b in pairs.items() if a in logs and b in logs}
     p_values = corrected_p_values(differences)
     rows = []
     for name, values in differences.items():
-        mean, is_equal = mean_ratio(values), equivalence_p_value(values) < LEVEL
-        rows.append(
-            {
-                **{"model": name, "control": there[name], "p": p_values[name]},
-                **{"ratio": mean.ratio, "low": mean.low, "high": mean.high, "equal": is_equal},
-            }
-        )
+        ratio, is_equal = asdict(mean_ratio(values)), equivalence_p_value(values) < LEVEL
+        about = {"model": name, "control": pairs[name], "p": p_values[name], "equal": is_equal}
+        rows.append(ratio | about)
     return DataFrame(rows)
-
-
-def split_counts(scores: Scores) -> dict[str, tuple[int, int]]:
-    """Return the numbers of scored and of all tasks of a claim, by model."""
-    if scores.claim is None:
-        return {}
-    counts = scores.claim[1].groupby("model", sort=False).size()
-    n_tasks = scores.claim[1]["task"].nunique()
-    return {name: (int(counts[name]), n_tasks) for name in scores.models if name in counts}
 
 
 @dataclass(frozen=True)
@@ -275,8 +243,7 @@ def merge_training_seeds(stored: StoredResults) -> StoredResults:
             return result
         return replace(result, presentation=replace(result.presentation, model=name))
 
-    results = [renamed(result) for task in stored.tasks for result in task.every]
-    return StoredResults.of_results(stored.folder, results)
+    return StoredResults.of_results(stored.folder, [*map(renamed, stored.every)])
 
 
 def _without_seed(model: str) -> str:
@@ -302,8 +269,7 @@ def build_leaderboard(
     lonely = [task for task in usable if n_run[task] == 1]
     notes = list(_data_notes(stored, tasks))
     if lonely:
-        first = labels(task.name for task in usable)[lonely[0].name] + and_more(lonely)
-        notes.append(f"{first} is left out: none of the other models was run there.")
+        notes.append(f"Left out, because only one model was run there: {_places(lonely)}.")
     if not comparable:
         reasons = "".join(f"; {note.removesuffix('.')}" for note in notes)
         raise ConfigError(
@@ -311,24 +277,20 @@ def build_leaderboard(
             f"protocol and condition (models with results: {', '.join(names) or 'none'}){reasons}"
         )
     names = [name for name in names if any(name in task.models for task in comparable)]
-    sections = []
-    for part in grouped(comparable, lambda task: task.presentation.selects_on_test).values():
-        scored = [
-            score_task(task, names, key, stored.data_of(task.name.data_sha256), seed)
-            for task in part
-        ]
-        scored.sort(key=lambda task: task.kind != "measured")
-        sections.append(Scores(key, tuple(scored), {}, seed))
-    sections.sort(key=lambda section: section.selects_on_test)
+    scores = Scores.of_tasks(stored, key, comparable, names, seed)
+    scored_names = {task.name for task in scores.tasks}
+    if unscored := [task for task in comparable if task.name not in scored_names]:
+        notes.append(f"No model has a score: {_places(unscored)}.")
+    parts = grouped(scores.tasks, lambda task: task.task.presentation.selects_on_test)
     run_ids = Counter(
         result.run_id
-        for section in sections
-        for task in section.tasks
+        for task in scores.tasks
         for model in task.scores
         for result in task.results[model]
     )
-    made_by = (sources(stored.folder, stored.runs, run_ids),)
-    return Leaderboard(tuple(sections), tuple(notes), made_by)
+    made_by = sources(stored.folder, stored.runs, run_ids)
+    sections = (scores.over(part) for _, part in sorted(parts.items()))
+    return Leaderboard(tuple(sections), tuple(notes), (made_by,))
 
 
 def _data_notes(stored: StoredResults, tasks: Sequence[Task]) -> Iterator[str]:
@@ -339,6 +301,5 @@ def _data_notes(stored: StoredResults, tasks: Sequence[Task]) -> Iterator[str]:
         yield f"{protocol} is left out: {TRAINING_MARK}."
 
 
-def and_more(things: Sequence[object]) -> str:
-    """Return " (and 2 more)" for three things; "" for one."""
-    return f" (and {len(things) - 1} more)" if len(things) > 1 else ""
+def _places(tasks: Sequence[Task]) -> str:
+    return first_few([*labels(task.name for task in tasks).values()])

@@ -8,12 +8,7 @@ from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from stiff_bench.results.columns import (
-    board_tables,
-    cost_table,
-    dataset_table,
-    score_list,
-)
+from stiff_bench.results.columns import board_tables, dataset_table
 from stiff_bench.results.leaderboard import Leaderboard, merge_training_seeds, model_frame
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import caveats_of
@@ -28,7 +23,8 @@ from stiff_bench.results.summary import (
     summarize,
 )
 from stiff_bench.store.names import grouped
-from stiff_bench.tables.table import Column, Entry, Table
+from stiff_bench.tables.table import Table
+from stiff_bench.tables.units import first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 
@@ -37,13 +33,8 @@ if TYPE_CHECKING:
 
 
 def leaderboard_tables(board: Leaderboard) -> list[Table]:
-    """Return the tables of all sections; json also has all scores of all tasks."""
-    tables = []
-    for section in board.sections:
-        models = section_models(section)
-        tables += section_tables(section, board)
-        tables.append(score_list(section, models, board.notes))
-    return tables
+    """Return the tables of all sections."""
+    return [table for section in board.sections for table in section_tables(section, board)]
 
 
 def section_models(section: Scores) -> list[str]:
@@ -52,41 +43,37 @@ def section_models(section: Scores) -> list[str]:
 
 
 def section_tables(section: Scores, board: Leaderboard) -> list[Table]:
-    """Return the tables of a section per protocol and condition, and its costs."""
-    models = section_models(section)
+    """Return the tables of a section per protocol and condition."""
     tables, has_datasets = list[Table](), False
     plans = grouped(section.tasks, lambda task: (task.name.protocol, task.name.condition))
     for plan, tasks in plans.items():
         scores = section.over(tasks)
-        of_plan = plan_tables(scores, plan) if not section.key.is_cost else []
+        of_plan = [] if section.key.is_cost else plan_tables(scores, plan, model_frame(scores))
         has_datasets |= not of_plan
-        tables += of_plan or dataset_tables(scores, models)
-    if tables:
-        notes = section_notes(section, board, has_datasets=has_datasets)
-        tables[0] = replace(tables[0], notes=[*notes, *tables[0].notes])
-        tables[-1] = replace(tables[-1], notes=[*tables[-1].notes, *board.provenance])
-    return [table for table in (*tables, cost_table(section, models)) if table.rows]
+        tables += of_plan or dataset_tables(scores)
+    notes = section_notes(section, board, has_datasets=has_datasets)
+    tables[0] = replace(tables[0], notes=[*notes, *tables[0].notes])
+    tables[-1] = replace(tables[-1], notes=[*tables[-1].notes, *board.provenance])
+    return tables
 
 
-def dataset_tables(scores: Scores, models: Collection[str]) -> list[Table]:
+def dataset_tables(scores: Scores) -> list[Table]:
     """Return a table per data set, for tasks of one protocol and condition."""
     tables = []
     for tasks in grouped(scores.tasks, lambda task: task.name.dataset).values():
         of_data = scores.over(tasks)
-        there = {name for task in tasks for name in task.task.models}
         notes = [*dataset_notes(of_data), *caveats_of(task.task for task in tasks)]
-        tables.append(dataset_table(of_data, [name for name in models if name in there], notes))
+        tables.append(dataset_table(of_data, notes))
     return tables
 
 
 def plan_tables(
     scores: Scores,
     plan: tuple[str, str],
-    table: DataFrame | None = None,
+    table: DataFrame,
     controls: Mapping[str, str] | None = None,
 ) -> list[Table]:
     """Return the tables over robots, the first with headline and sentences; [] for few robots."""
-    table = model_frame(scores) if table is None else table
     tables = board_tables(scores, table, controls or {}, split_notes(scores, table))
     if not tables:
         return []
@@ -101,7 +88,6 @@ def plan_tables(
 # the leaderboard of a study
 
 
-NOT_RUN = "not run here"
 VERIFIED = "verified"
 STATUS_NOTE = "reported: results of a submission whose code could not be run again."
 
@@ -138,15 +124,8 @@ class StudyLeaderboard:
 
     @cached_property
     def scores(self) -> Scores:
-        """Return the scores of the main models.
-
-        Raises:
-            ConfigError: fewer than five robots have results of a model.
-        """
-        scores = self._scores(self.settings.protocol, self._names)
-        if scores.claim is None:
-            raise ConfigError("no model has all results on five robots: the study is not finished")
-        return scores
+        """Return the scores of the main models."""
+        return self._scores(self.settings.protocol, self._names)
 
     @cached_property
     def few(self) -> dict[str, Scores]:
@@ -157,10 +136,17 @@ class StudyLeaderboard:
 
     @cached_property
     def frame(self) -> DataFrame:
-        """Return the `model_frame` of the main models; errors as `scores`."""
+        """Return the `model_frame` of the main models.
+
+        Raises:
+            ConfigError: fewer than five robots have results of a model.
+        """
         table = model_frame(self.scores, self.few, self.groups)
         if "won" not in table:
             raise ConfigError("no model has all results on five robots: the study is not finished")
+        if self.statuses:
+            statuses = [self.statuses.get(name, VERIFIED) for name in table["model"]]
+            table = table.assign(status=statuses)
         return table
 
     @property
@@ -172,32 +158,19 @@ class StudyLeaderboard:
     def summary(self) -> Summary:
         """Return the sentences; a withdrawn claim is replaced."""
         summary = summarize(self.scores, self.frame)
-        if not self.settings.withdrawn:
-            return summary
-        return replace(summary, which=self.settings.withdrawn, how_much="")
+        return replace(summary, headline=self.settings.withdrawn or summary.headline)
 
     @cached_property
     def tables(self) -> list[Table]:
-        """Return headline, board, measured data, variants and extras; errors as `scores`."""
+        """Return headline, board, measured data, variants and extras; errors as `frame`."""
         plan, controls = (self.settings.protocol, ""), self.settings.controls
-        tables = plan_tables(self.scores, plan, self.frame, controls)
-        if self.settings.withdrawn:
-            tables[0] = replace(tables[0], title=self.settings.withdrawn)
+        board, *tables = plan_tables(self.scores, plan, self.frame, controls)
+        board = replace(board, title=self.settings.withdrawn or board.title)
         if self.statuses:
-            tables[0] = self._with_statuses(tables[0])
-        if measured := [*chain.from_iterable(self.scores.measured.values())]:
-            of_measured = self.scores.over(measured)
-            tables += dataset_tables(of_measured, section_models(of_measured))
-        return [*tables, *self._variant_tables(), *self._extra_tables()]
-
-    def _with_statuses(self, table: Table) -> Table:
-        names = [*self.board_frame["model"]]
-        rows = [
-            [*row, self.statuses.get(name, VERIFIED)]
-            for row, name in zip(table.rows, names, strict=True)
-        ]
-        columns = [*table.columns, Column("status", "text")]
-        return replace(table, columns=columns, rows=rows, notes=[*table.notes, STATUS_NOTE])
+            board = replace(board, notes=[*board.notes, STATUS_NOTE])
+        measured = [*chain.from_iterable(self.scores.measured.values())]
+        tables += dataset_tables(self.scores.over(measured))
+        return [board, *tables, *self._variant_tables(), *self._extra_tables()]
 
     def _variant_tables(self) -> Iterator[Table]:
         """Yield the tables of variants and their controls, in the tasks of a variant."""
@@ -227,15 +200,10 @@ class StudyLeaderboard:
         scores = every.over([*every.claim[1]["task"].unique()])
         table = model_frame(scores)
         first, *_ = board_tables(scores, table, {})
-        complete = {*table[table["complete"]]["model"]}
-        missing = [name for name in extras if name not in complete]
-        rows: list[list[Entry]] = [[*row, *([None] if missing else [])] for row in first.rows]
-        rows += [[name, *(None for _ in first.columns[1:]), NOT_RUN] for name in missing]
+        missing = sorted({*extras} - {*table[table["complete"]]["model"]})
         yield replace(
             first,
             title=f"Models of other packages ({', '.join(extras)}) and the best",
-            columns=[*first.columns, *([Column("run", "text")] if missing else [])],
-            rows=rows,
-            notes=[],
+            notes=[f"not run here: {first_few(missing)}."] if missing else [],
             about={"table": "extras"},
         )

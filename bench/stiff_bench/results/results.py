@@ -19,18 +19,19 @@ from stiff_bench.results.leaderboard import build_leaderboard, model_frame
 from stiff_bench.results.leaderboard_tables import leaderboard_tables
 from stiff_bench.results.load import StoredResults, newest_tasks
 from stiff_bench.results.metric_tables import metric_tables
-from stiff_bench.results.notes import failure_lines, left_out_notes, same_name_other_data
+from stiff_bench.results.notes import (
+    caveats_of,
+    failure_lines,
+    left_out_notes,
+    outcome_notes,
+    same_name_other_data,
+    size_notes,
+)
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.results.scores import Scores, fit_frame, identity_of, prediction_frame
-from stiff_bench.results.selection import EVERYTHING, Selection, matches_key
+from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
-from stiff_bench.results.summary import (
-    summarize,
-    task_facts,
-    task_notes,
-    task_summary,
-    task_title,
-)
+from stiff_bench.results.summary import summarize, task_headline, task_title
 from stiff_bench.store.database import read_results
 from stiff_bench.tables.table import SCREEN, Name
 from stiff_bench.tables.terminal import (
@@ -42,7 +43,7 @@ from stiff_bench.tables.terminal import (
 from stiff_bench.tables.units import MM, first_few
 from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, unknown_name
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import metric
 
@@ -251,26 +252,35 @@ class Results:
         tasks = self.selection.tasks_of(self.stored.tasks)
         return Scores.of(self.stored, key, tasks, self.selection.models_of(tasks), seed=seed)
 
-    def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
+    def summary(self) -> Tables:
         """Return the result as a headline and tables with notes.
 
         For one task there is a table of the models' errors. For several there is a table of the
-        models against the VJM, and a table of their errors per task. Arguments and errors are the
-        same as for `scores`.
+        models against the VJM, and a table of their errors per task. Errors are those of `scores`.
         """
-        scores = self.scores(metric, axis, seed=seed)
-        failures = failure_lines(self.fits)
-        caveats = dict.fromkeys(note for task in scores.tasks for note in task_notes(task))
-        if len(scores.tasks) == 1 and metric == "norm":
+        scores = self.scores()
+        tasks = [task.task for task in scores.tasks]
+        done = [[*model.done.values()] for task in tasks for model in task.models.values()]
+        outcomes = [note for results in done if results for note in outcome_notes(results)]
+        notes = [*failure_lines(self.fits), *outcomes, *caveats_of(tasks)]
+        if len(tasks) == 1:
             (task,) = scores.tasks
-            notes = [task_facts(task), *failures, *caveats]
-            table = replace(task_table(task, task_title(task)), notes=notes, brief=True)
-            return Tables([table], self.command, task_summary(task).headline)
+            table = task_table(task, task_title(task))
+            sizes = size_notes(next(iter(task.results.values())))
+            table = replace(table, notes=[*sizes, *notes], brief=True)
+            return Tables([table], self.command, task_headline(task))
         models = model_frame(scores)
         summary, matrix = summarize(scores, models), matrix_table(scores, [*models["model"]])
         title = f"{scores.key.text} against the VJM's on {first_few(matrix.headings()[1:])}"
-        table = model_table(scores, models, title, [*summary.lines, *failures, *caveats])
+        table = model_table(scores, models, title, [*summary.lines, *notes])
         return Tables([table, matrix], self.command, summary.headline)
+
+    def view(self) -> Tables | None:
+        """Return the summary; None: no model has a score."""
+        try:
+            return self.summary()
+        except ConfigError:
+            return None
 
     def screen(self, *facts: str, verbose: bool = False) -> str:
         """Return the result for a terminal, or the tables if no model has a score.
@@ -284,9 +294,9 @@ class Results:
         """
         if (view := self.view()) is None:
             return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
-        first, *_, matrix = (*view.tables, view.tables[-1])
-        tables = [replace(matrix, notes=[])]
-        if verbose and len(view.tables) > 1:
+        first, last = view.tables[0], view.tables[-1]
+        tables = [replace(last, notes=[])]
+        if verbose and last is not first:
             tables += [task_table(task, task_title(task)) for task in self.scores().tasks]
         console = screen_console()
         for table in tables:
@@ -297,19 +307,16 @@ class Results:
             print_lines(console, note)
         print_lines(console, ". ".join([*facts, ""]).strip(), style="dim")
         best = first.rows[0][0]
-        line = self._next_commands(best.text if isinstance(best, Name) else "", console.width)
+        line = self._next_commands(best.text if isinstance(best, Name) else str(best))
         console.print(line, style="dim", soft_wrap=True)
         return screen_of(console)
 
-    def _next_commands(self, best: str, width: int) -> str:
-        """Return a line with the next commands, or a line each if they are long."""
+    def _next_commands(self, best: str) -> str:
         folder = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
-        options, model = one_line(folder), shlex.quote(one_line(best))
-        commands = [f"bench report{options} --output report.html", "more metrics: --metric stde"]
-        if best not in ("", REFERENCE_MODEL):
-            commands.insert(0, f"bench compare {model} {REFERENCE_MODEL}{options}")
-        line = f"Next: {' · '.join(commands)}"
-        return line if len(line) <= width else "Next: " + "\n      ".join(commands)
+        commands = ["bench report --output report.html"]
+        if best != REFERENCE_MODEL:
+            commands.insert(0, f"bench compare {shlex.quote(best)} {REFERENCE_MODEL}")
+        return "Next: " + "\n      ".join(one_line(f"{command}{folder}") for command in commands)
 
     def leaderboard(
         self, metric: str = "norm", axis: AxisName | None = None, *, seed: Seed = 0
@@ -334,30 +341,15 @@ class Results:
         about = {"sort_key": key.text, "direction": key.metric.direction}
         return Tables(leaderboard_tables(board), self.command, about=about)
 
-    def __len__(self) -> int:
-        """Return the number of results and failures."""
-        return len(self.fits)
-
     def __getitem__(self, model: str) -> Results:
         """Return the results of one model, or of all variants of a key.
 
         Raises:
             ConfigError: the model has no results.
         """
-        names = list(dict.fromkeys(result.presentation.model for result in self.fits))
-        if not isinstance(model, str) or not any(matches_key(model, name) for name in names):
-            raise unknown_name("model with results", str(model), names)
-        return self.select(models=[model])
-
-    __iter__ = None
-    """Results are not a sequence; `fits` has them."""
-
-    def view(self) -> Tables | None:
-        """Return the summary; None: no model has a score."""
-        try:
-            return self.summary()
-        except ConfigError:
-            return None
+        chosen = self.select(models=[str(model)])
+        chosen.fits  # noqa: B018  # an unknown name raises
+        return chosen
 
     def __repr__(self) -> str:
         """Return the result for a screen, with its first table."""

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from stiff_bench.results.fit_values import metric_lines
-from stiff_bench.results.load import StoredResults, Task, newest_tasks
+from stiff_bench.results.load import StoredResults, Task, model_names, newest_tasks
 from stiff_bench.results.notes import mark_of
 from stiff_bench.results.scored_task import ScoredTask, SortKey, family_of, score_task
-from stiff_bench.store.names import TaskName, grouped
+from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
@@ -47,6 +45,10 @@ def identity_of(result: CellResult) -> dict[str, Any]:
     }
 
 
+UNIT_WORDS = {"%": "percent", "1/s": "per_s"}
+"""Units as parts of a column's name."""
+
+
 def fit_frame(results: Iterable[CellResult], robot_of: Callable[[str], str]) -> DataFrame:
     """Return a row per fit: identity, status, all metrics and costs in printed units.
 
@@ -58,23 +60,17 @@ def fit_frame(results: Iterable[CellResult], robot_of: Callable[[str], str]) -> 
     """
     from pandas import DataFrame  # slow, and a single task needs no frame
 
-    columns = {
-        (item.key, axis): "_".join(filter(None, (item.key.replace("-", "_"), axis, unit)))
-        for item in METRICS.values()
-        for unit in [_UNIT_WORDS.get(PRINTED[item.unit][0], PRINTED[item.unit][0])]
-        for axis in item.axes
-    }
     rows = []
     for result in results:
-        lines = [] if result.prediction is None else metric_lines(result.prediction, result.cost)
-        values = {columns[str(line["metric"]), str(line["axis"])]: line["value"] for line in lines}
         row = identity_of(result) | {"robot": robot_of(result.cell.data_sha256)}
-        rows.append({**row, "status": result.status, "failure": result.failure, **values})
+        row |= {"status": result.status, "failure": result.failure}
+        for item in METRICS.values():
+            unit, factor = PRINTED[item.unit]
+            for axis, value in item.of_result(result).items():
+                words = (item.key.replace("-", "_"), axis, UNIT_WORDS.get(unit, unit))
+                row["_".join(filter(None, words))] = factor * value
+        rows.append(row)
     return DataFrame(rows)
-
-
-_UNIT_WORDS = {"%": "percent", "1/s": "per_s"}
-"""Units as parts of a column's name."""
 
 
 def prediction_frame(results: Iterable[CellResult]) -> DataFrame:
@@ -101,27 +97,46 @@ class Scores(BriefFields):
 
     Attributes:
         key: metric of the scores.
-        tasks: tasks, measured data first, then in the order in which runs requested them.
-        left_out: reasons why tasks do not count, by their name.
-        seed: seed of the draws of poses.
+        tasks: tasks, measured data first.
     """
 
     key: SortKey
     tasks: tuple[ScoredTask, ...]
-    left_out: Mapping[str, str]
-    seed: int = 0
+
+    @classmethod
+    def of_tasks(
+        cls,
+        stored: StoredResults,
+        key: SortKey,
+        tasks: Sequence[Task],
+        models: Sequence[str],
+        seed: int = 0,
+    ) -> Scores:
+        """Return the scores of models in tasks, without tasks in which no model has a score.
+
+        Raises:
+            ConfigError: no model has a score.
+            StoreError: samples are corrupt, or two models share no split.
+        """
+        scored = [
+            score_task(task, models, key, stored.data_of(task.name.data_sha256), seed)
+            for task in tasks
+        ]
+        with_scores = [task for task in scored if task.scores]
+        if not with_scores:
+            raise ConfigError(f"no model has a score of {key.text}")
+        return cls(key, tuple(sorted(with_scores, key=lambda task: task.kind != "measured")))
 
     @classmethod
     def of(
         cls,
         stored: StoredResults,
         key: SortKey,
-        tasks: Sequence[Task] | None = None,
+        tasks: Sequence[Task],
         models: Collection[str] | None = None,
-        *,
         seed: int = 0,
     ) -> Scores:
-        """Score models in stored results.
+        """Score models in the fairest tasks, in the order in which runs requested them.
 
         Results that select on the test part or report training errors count only without
         other results.
@@ -129,37 +144,23 @@ class Scores(BriefFields):
         Args:
             stored: results with their samples.
             key: metric to score by.
-            tasks: tasks to score; None: all of `stored`.
-            models: exact names of models to score; None: all.
+            tasks: tasks to score, if they are on a data set's newest data.
+            models: exact names of models to score, in addition to the VJM; None: all.
             seed: seed of the draws of poses.
 
         Raises:
             ConfigError: no model has a score.
             StoreError: samples are corrupt, or two models share no split.
         """
-        newest = newest_tasks(stored.tasks if tasks is None else tasks)
-        fair = [task for task in newest if not task.presentation.reports_training]
-        fair = [task for task in fair if not task.presentation.selects_on_test] or fair or newest
-        left_out = {
-            task.name.text: "selects on the test part or reports training samples"
-            for task in newest
-            if task not in fair
-        }
-        request_order = {id(task): number for number, task in enumerate(stored.tasks)}
-        fair.sort(key=lambda task: (task.presentation.kind != "measured", request_order[id(task)]))
-        chosen = None if models is None else {*models, REFERENCE_MODEL}
-        scored = [
-            score_task(
-                task,
-                [name for name in task.models if chosen is None or name in chosen],
-                *(key, stored.data_of(task.name.data_sha256), seed),
-            )
-            for task in fair
-        ]
-        with_scores = tuple(task for task in scored if task.scores)
-        if not with_scores:
-            raise ConfigError(f"no model has a score of {key.text}")
-        return cls(key, with_scores, left_out, seed)
+        newest = sorted(newest_tasks(tasks), key=lambda task: (task.first_requested, task.name))
+        by_fairness = grouped(
+            newest, lambda t: (t.presentation.reports_training, t.presentation.selects_on_test)
+        )
+        fairest = by_fairness[min(by_fairness)] if by_fairness else []
+        names = model_names(fairest)
+        if models is not None:
+            names = [name for name in names if name in {*models, REFERENCE_MODEL}]
+        return cls.of_tasks(stored, key, fairest, names, seed)
 
     def over(self, tasks: Sequence[ScoredTask]) -> Scores:
         """Return the scores in some of the tasks."""
@@ -170,28 +171,43 @@ class Scores(BriefFields):
         """Return the models with a score."""
         return tuple(dict.fromkeys(name for task in self.tasks for name in task.scores))
 
+    @property
+    def missing(self) -> dict[str, list[str]]:
+        """Return reasons for missing scores, one per task, of models that were run."""
+        run = {name for task in self.tasks for name in task.task.models}
+        names = dict.fromkeys(name for task in self.tasks for name in task.missing)
+        return {
+            name: [task.missing[name] for task in self.tasks if name in task.missing]
+            for name in names
+            if name in run
+        }
+
+    @property
+    def run_models(self) -> list[str]:
+        """Return the models with a score, then those without one that were run."""
+        return list(dict.fromkeys([*self.models, *self.missing]))
+
     @cached_property
     def frame(self) -> DataFrame:
-        """Return a row per task and ranked model; see `ScoredTask.rows`."""
+        """Return a row per task and ranked model, with ratios to the VJM's numbers.
+
+        Columns of `ScoredTask.rows`, and `p95 ratio`, `path ratio` and `noise ratio` (error over
+        noise); NaN: a number is missing.
+        """
         from pandas import DataFrame  # slow, and a single task needs no frame
 
-        return DataFrame([row for task in self.tasks for row in task.rows()])
+        frame = DataFrame([row for task in self.tasks for row in task.rows()])
+        of_vjm = frame[frame["model"] == REFERENCE_MODEL].set_index("task")
+        for name in ("p95", "path"):
+            reference = frame["task"].map(of_vjm[name])
+            frame[f"{name} ratio"] = frame[name] / reference.where(reference > 0.0)
+        frame["noise ratio"] = frame["error"] / frame["noise"].where(frame["noise"] > 0.0)
+        return frame
 
     @property
     def selects_on_test(self) -> bool:
         """Return True if the protocols let models pick the epoch on the test part."""
         return self.tasks[0].task.presentation.selects_on_test
-
-    @property
-    def missing(self) -> dict[str, dict[TaskName, str]]:
-        """Return reasons for missing scores, by model and task, of models that were run."""
-        names = dict.fromkeys(name for task in self.tasks for name in task.missing)
-        run = {name for name in names if any(name in task.task.models for task in self.tasks)}
-        return {
-            name: {task.name: task.missing[name] for task in self.tasks if name in task.missing}
-            for name in names
-            if name in run
-        }
 
     @cached_property
     def robots(self) -> dict[str, list[ScoredTask]]:
@@ -206,11 +222,10 @@ class Scores(BriefFields):
     @cached_property
     def columns(self) -> dict[tuple[str, str, str], list[ScoredTask]]:
         """Return tasks by data set, protocol and condition: specimens and seeds together."""
-        by_heading = grouped(
-            self.tasks, lambda task: (family_of(task.name), task.name.protocol, task.name.condition)
+        by_dataset = chain.from_iterable(self.datasets.values())
+        return grouped(
+            by_dataset, lambda task: (family_of(task.name), task.name.protocol, task.name.condition)
         )
-        order = list(self.datasets)
-        return dict(sorted(by_heading.items(), key=lambda item: order.index(item[0][0])))
 
     @property
     def measured(self) -> dict[str, list[ScoredTask]]:
@@ -238,10 +253,9 @@ class Scores(BriefFields):
         kind, rows = self.claim
         return f"{rows['robot'].nunique()} {kind} robots"
 
-    def noise(self, tasks: Sequence[ScoredTask]) -> float:
-        """Return the mean noise floor of tasks, in the metric's unit; NaN: unknown."""
-        rows = self.frame[self.frame["task"].isin(tasks)].drop_duplicates("task")
-        return float(np.mean(rows["noise"].to_numpy()))
+    def verdict_counts(self, model: str) -> Counter[str]:
+        """Return the numbers of tasks by verdict on a model ("a") and the VJM ("b")."""
+        return Counter(verdict for task in self.tasks if (verdict := task.verdict(model)))
 
     def mark(self, model: str, protocol: str = "") -> str:
         """Return the text printed next to a model's name, for one protocol or all."""
@@ -252,13 +266,8 @@ class Scores(BriefFields):
         ]
         return ", ".join(filter(None, dict.fromkeys(marks)))
 
-    def costs(self, model: str) -> list[Cost]:
-        """Return the recorded costs of a model's scored fits."""
-        results = (result for task in self.tasks for result in task.results.get(model, ()))
+    def costs(self, model: str, tasks: Iterable[ScoredTask] | None = None) -> list[Cost]:
+        """Return the recorded costs of a model's scored fits in tasks (default: all)."""
+        chosen = self.tasks if tasks is None else tasks
+        results = (result for task in chosen for result in task.results.get(model, ()))
         return [result.cost for result in results if result.cost is not None]
-
-    def fit_s(self, model: str, tasks: Iterable[ScoredTask]) -> float:
-        """Return the median fit time of a model in tasks, s; NaN: not recorded."""
-        costs = [result.cost for task in tasks for result in task.results.get(model, ())]
-        times = [cost.fit_s for cost in costs if cost is not None]
-        return float(np.median(times)) if times else math.nan

@@ -26,7 +26,7 @@ def frame_of(made: MadeResults, groups=None, few=None) -> DataFrame:
 
 def data_text(made: MadeResults) -> str:
     scores = made.scores()
-    return summarize(scores, model_frame(scores)).data
+    return dict(summarize(scores, model_frame(scores)).sentences)["Data"]
 
 
 def test_a_model_is_ranked_by_its_geometric_mean_over_robots_with_students_interval(made):

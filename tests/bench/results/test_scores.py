@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from helpers.made_results import TWINS, VJM_MM
-from stiff_bench.results.columns import matrix_table
-from stiff_bench.results.leaderboard import model_frame, with_verdict_counts
+from stiff_bench.results.columns import matrix_table, model_table
+from stiff_bench.results.leaderboard import model_frame
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.results.scores import FEWEST_ROBOTS
 from stiff_bench.tables.table import Quantity
@@ -45,9 +45,7 @@ def test_unfair_protocols_count_only_without_others(made, unfair):
     made.add_robot(0, {"net": 0.1}, protocol="paper", warning="optimistic", **unfair)
     assert [task.name.protocol for task in made.scores().tasks] == ["paper"]
     made.add_robot(0, {"net": 0.5})
-    scores = made.scores()
-    assert [task.name.protocol for task in scores.tasks] == ["holdout"]
-    assert len(scores.left_out) == 1
+    assert [task.name.protocol for task in made.scores().tasks] == ["holdout"]
 
 
 def test_measured_data_come_first_and_others_in_the_order_of_requests(made):
@@ -76,8 +74,9 @@ def test_verdicts_are_counted_by_task(made):
     for number, ratio in enumerate((0.5, 1.5, 1.0)):
         made.add_robot(number, {"net": ratio})
     scores = made.scores()
-    counts = with_verdict_counts(model_frame(scores), scores).set_index("model")
-    assert counts.loc["net", ["better", "worse", "open"]].tolist() == [1, 1, 1]
+    assert scores.verdict_counts("net") == {"a": 1, "b": 1, "equivalent": 1}
+    (net, _) = model_table(scores, model_frame(scores), "models").texts()
+    assert net[3:6] == ["1", "1", "1"]
 
 
 def test_the_matrix_has_a_row_per_model_and_marks_the_best_of_each_column(made):

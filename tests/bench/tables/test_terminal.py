@@ -18,7 +18,7 @@ from rich.cells import cell_len
 from helpers.made_results import N_POSES, TWINS, MadeResults
 from stiff_bench.results.columns import task_table
 from stiff_bench.results.scored_task import ScoredTask
-from stiff_bench.results.summary import task_summary
+from stiff_bench.results.summary import task_headline
 from stiff_bench.tables.table import SCREEN, Column, Name, Quantity, Table
 from stiff_bench.tables.terminal import screen_console, screen_text
 from stiff_bench.tables.writers import of_format
@@ -107,14 +107,14 @@ def test_models_are_sorted_by_error_and_the_change_is_against_the_vjm(made):
 )
 def test_the_sentence_is_the_verdict_with_its_interval(made, errors_mm, word):
     made.add_each({"vjm": VJM_MM, "net": errors_mm})
-    sentence = task_summary(only_task(made)).headline
+    sentence = task_headline(only_task(made))
     low, high = map(float, re.findall(r"interval ([\d.]+) to ([\d.]+)", sentence)[0])
     assert word in sentence and 0.0 < low < high
 
 
 def test_a_difference_that_is_open_names_no_winner(made):
     made.add_each({"vjm": VJM_MM, "net": [0.1, 0.35, 0.2]})
-    sentence = task_summary(only_task(made)).headline
+    sentence = task_headline(only_task(made))
     assert "No model is reliably better" in sentence and "is better than" not in sentence
 
 
@@ -193,8 +193,8 @@ def test_a_comparison_and_its_verdict_are_on_one_line(made, width):
 def test_a_verdict_of_one_split_is_marked_as_of_these_fits(made, n_splits, is_limited):
     errors_mm = {"vjm": VJM_MM[:n_splits], "net": (0.1, 0.12, 0.09)[:n_splits]}
     made.add_each(errors_mm, rows=range(N_POSES) if n_splits == 1 else None)
-    sentence = task_summary(only_task(made)).headline
-    assert "is better than" in sentence and ("One split" in sentence) == is_limited
+    sentence = task_headline(only_task(made))
+    assert "is better than" in sentence and ("these fits" in sentence) == is_limited
 
 
 def test_a_model_that_is_better_is_named_although_another_has_a_smaller_unsure_mean(made):
@@ -203,4 +203,4 @@ def test_a_model_that_is_better_is_named_although_another_has_a_smaller_unsure_m
     task = only_task(made)
     assert task.mean("lucky") < task.mean("steady")
     assert [task.verdict(name) for name in ("lucky", "steady")] == ["open", "a"]
-    assert task_summary(task).headline.startswith("steady is better")
+    assert task_headline(task).startswith("steady is better")
