@@ -242,9 +242,7 @@ def execute(
     if (board := run.board(results)) is not None:
         _print_tables(board, fmt)
     elif _is_screen(fmt) and answer:
-        facts[0] = f"Fits: {facts[0].replace(';', ',')}"
-        print_text(results.screen(*facts, verbose=verbose), laid_out=True)
-        facts = []
+        _print_tables(results.screen(verbose=verbose), fmt)
     else:
         if answer and fmt == "github" and (view := results.view()) is not None:
             _print_tables(replace(view, command=""), fmt)

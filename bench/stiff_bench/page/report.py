@@ -20,11 +20,10 @@ from stiff_bench.parameter_types import AxisName, FilePath, Seed
 from stiff_bench.results.columns import matrix_table, metric_columns, model_table
 from stiff_bench.results.fit_values import mean_over, metric_values
 from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, model_frame
-from stiff_bench.results.leaderboard_tables import section_models, section_tables
+from stiff_bench.results.leaderboard_tables import leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import (
     NO_MANIFEST,
-    SELECTION_MARK,
     caveats_of,
     failure_lines,
     left_out_notes,
@@ -176,7 +175,7 @@ def folder_section(stored: StoredResults, choice: PageOptions, key: SortKey) -> 
         ),
         *(_ranking(board, ranked) if board else ()),
         scores_section(results, key.metric.key),
-        runs_section(stored.runs, results, board.provenance if board else ()),
+        runs_section(stored.runs, results, [board.provenance] if board else ()),
     ]
     return Section(
         headline,
@@ -304,14 +303,11 @@ def _place(result: CellResult) -> tuple[str, str, str, str | None]:
 
 
 def _ranking(board: Leaderboard, command: str) -> Iterator[Section]:
-    """Yield the tables of each section; sections that select on test data are last."""
-    for section in board.sections:
-        apart = f" ({SELECTION_MARK})" if section.selects_on_test else ""
-        tables = section_tables(section, board)
-        yield Section(f"Leaderboard{apart}", tables=tables, command=command, is_folded=True)
-        pairs = pair_table(section)
-        tables = [pairs] if pairs.rows else []
-        yield Section(f"Pairs of models{apart}", tables=tables, is_folded=True)
+    """Yield the tables of a leaderboard, and the pairs of its models."""
+    tables = leaderboard_tables(board)
+    yield Section("Leaderboard", tables=tables, command=command, is_folded=True)
+    pairs = pair_table(board.scores)
+    yield Section("Pairs of models", tables=[pairs] if pairs.rows else [], is_folded=True)
 
 
 MOST_MODELS = 20
@@ -321,7 +317,7 @@ MOST_MODELS = 20
 def pair_table(section: Scores) -> Table:
     """Return comparisons won and lost, with a row and a column per model."""
     verdicts: dict[tuple[str, str], Counter[str]] = {}
-    every = section_models(section)
+    every = [*dict.fromkeys([*model_frame(section)["model"], *section.missing])]
     for task in section.tasks:
         names = [name for name in every[:MOST_MODELS] if name in task.scores]
         pairs = [*permutations(names, 2)]

@@ -14,8 +14,8 @@ from operator import itemgetter, methodcaller
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.results.fit_values import mean_over, metric_values
-from stiff_bench.results.leaderboard import control_frame
-from stiff_bench.results.notes import SELECTION_MARK, mark_of
+from stiff_bench.results.leaderboard import control_rows
+from stiff_bench.results.notes import mark_of
 from stiff_bench.results.scored_task import NOISE_FLOOR, ScoredTask
 from stiff_bench.results.scores import Scores
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
@@ -206,7 +206,7 @@ def board_tables(
     )
     board = replace(ratios, about={"table": "board"}, best_first=True)
     tables = [board, _further_table(table, rows), certainty]
-    if controls and len(pairs := control_frame(scores, controls)):
+    if pairs := control_rows(scores, controls):
         tables.append(_control_table(pairs))
     return [part for part in tables if len(part.columns) > 1]
 
@@ -258,7 +258,7 @@ def _further_table(table: DataFrame, rows: Sequence[Row]) -> Table:
     )
 
 
-def _control_table(pairs: DataFrame) -> Table:
+def _control_table(pairs: Sequence[Row]) -> Table:
     return Table.of(
         "Models against their physics model or teacher",
         [
@@ -270,7 +270,7 @@ def _control_table(pairs: DataFrame) -> Table:
             ),
             Column("equal", "text", value=lambda row: "yes" if row["equal"] else "no"),
         ],
-        pairs.to_dict("records"),
+        pairs,
         [f"equal: within {EQUAL_TEXT} (two one-sided t tests); p: sign flips over robots, Holm."],
         about={"table": "controls"},
     )
@@ -411,9 +411,8 @@ def dataset_table(scores: Scores, notes: Sequence[str]) -> Table:
         for name in ("splits", "poses")
         if any(row[name] is not None for row in rows)
     ]
-    apart = f" | {SELECTION_MARK}s: not a fair comparison" if scores.selects_on_test else ""
     return Table.of(
-        f"{first.name.text} ({first.kind}), {counted(len(first.splits), 'split')}{apart}",
+        f"{first.name.text} ({first.kind}), {counted(len(first.splits), 'split')}",
         [
             *(MODEL, *(texts("seed") if len(scores.tasks) > 1 else [])),
             Column(
@@ -453,7 +452,7 @@ def _dataset_rows(scores: Scores, task: ScoredTask) -> Iterator[Row]:
         over_splits = bool(bounds) and task.errors.of_splits is not None
         yield {
             "model": name,
-            "mark": scores.mark(name, task.name.protocol),
+            "mark": scores.mark(name),
             "seed": str(task.name.seed),
             "score": score,
             "ratio": task.ratio(name),

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.results.load import StoredResults, Task, newest_tasks, order_key
+from stiff_bench.results.load import StoredResults, Task, newest_tasks
 from stiff_bench.results.notes import (
+    SELECTION_MARK,
     TRAINING_MARK,
     left_out_notes,
     same_name_other_data,
@@ -97,8 +98,7 @@ def model_frame(
     """
     from pandas import DataFrame, Index  # slow, and a single task needs no frame
 
-    claim = scores.claim
-    rows = scores.frame if claim is None else claim[1]
+    rows = scores.rows
     by_model = scores.frame.groupby("model")
     table = DataFrame(index=Index(scores.models, name="model"))
     table["mark"] = [scores.mark(name) for name in table.index]
@@ -109,9 +109,8 @@ def model_frame(
     table["ratio"] = logs.apply(_mean).map(math.exp)
     table["complete"] = table["n tasks"] == len(scores.tasks)
     tasks = rows["task"].unique()
-    times = {name: [cost.fit_s for cost in scores.costs(name, tasks)] for name in table.index}
-    table["fit_s"] = [float(np.median(of)) if of else math.nan for of in times.values()]
-    if claim is not None:
+    table["fit_s"] = [scores.fit_s(name, tasks) for name in table.index]
+    if scores.claim is not None:
         table = _with_robots(table, scores, logs, few or {}, groups or {})
     order = table["ratio"].fillna(scores.key.sign * table["median"])
     table = table.assign(order=order, incomplete=~table["complete"]).reset_index()
@@ -128,8 +127,7 @@ def _with_robots(
     """Add the columns over robots."""
     from pandas import Series  # slow, and a single task needs no frame
 
-    assert scores.claim is not None
-    kind, rows = scores.claim
+    rows = scores.rows
     for name, column in partial_logs.items():
         if column.count() >= 2:
             mean = mean_ratio(column.dropna())
@@ -155,14 +153,13 @@ def _with_robots(
         name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
     }
     for heading, of_few in few.items():
-        few_rows = of_few.frame if of_few.claim is None else of_few.claim[1]
-        further["few", heading] = robot_logs(few_rows, "error ratio")
+        further["few", heading] = robot_logs(of_few.rows, "error ratio")
     for group, datasets in groups.items():
         of_group = rows[rows["dataset"].isin(datasets)]
         further["group", group] = robot_logs(of_group, "error ratio")
     for key, of_robots in further.items():
         table[key] = of_robots.mean(skipna=False).map(math.exp)
-    for dataset, tasks in scores.measured.items() if kind != "measured" else ():
+    for dataset, tasks in scores.measured.items() if scores.claim != "measured" else ():
         of_data = scores.frame[scores.frame["task"].isin(tasks)]
         complete = of_data.groupby("model").size() == len(tasks)
         values = robot_logs(of_data, "error ratio").mean().map(math.exp)
@@ -184,45 +181,40 @@ def _p_values(logs: DataFrame, rival: object) -> Series[float]:
 
 def complete_logs(scores: Scores) -> DataFrame:
     """Return (robots, models) logarithms of error / VJM's error, of models with every score."""
-    from pandas import DataFrame  # slow, and a single task needs no frame
-
-    if scores.claim is None:
-        return DataFrame()
-    return robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
+    return robot_logs(scores.rows, "error ratio").dropna(axis="columns")
 
 
-def control_frame(scores: Scores, pairs: Mapping[str, str]) -> DataFrame:
+def control_rows(scores: Scores, pairs: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return learned models against their physics model or teacher.
 
-    Columns: `model`, `control`, `ratio`, `low`, `high`, `p` (corrected for all pairs), `equal`
-    (within 5 %). Pairs without every score are left out.
+    Keys: `model`, `control`, `ratio`, `low`, `high`, `p` (corrected for all pairs), `equal` (within
+    5 %). Pairs without every score are left out.
     """
-    from pandas import DataFrame  # slow, and a single task needs no frame
-
     logs = complete_logs(scores)
     differences = {a: logs[a] - logs[b] for a, b in pairs.items() if a in logs and b in logs}
     p_values = corrected_p_values(differences)
-    rows = []
-    for name, values in differences.items():
-        ratio, is_equal = asdict(mean_ratio(values)), equivalence_p_value(values) < LEVEL
-        about = {"model": name, "control": pairs[name], "p": p_values[name], "equal": is_equal}
-        rows.append(ratio | about)
-    return DataFrame(rows)
+    return [
+        {
+            **{"model": name, "control": pairs[name], "p": p_values[name]},
+            **{"equal": equivalence_p_value(values) < LEVEL, **asdict(mean_ratio(values))},
+        }
+        for name, values in differences.items()
+    ]
 
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """Scores of tasks that fit in one table, fair protocols first.
+    """Scores of tasks that fit in one table.
 
     Attributes:
-        sections: scores; protocols that select on the test part have a separate section.
+        scores: scores of the fairest protocols.
         notes: notes on results that do not count.
         provenance: versions of stiffbench that made the results.
     """
 
-    sections: tuple[Scores, ...]
+    scores: Scores
     notes: tuple[str, ...]
-    provenance: tuple[str, ...]
+    provenance: str
 
 
 def merge_training_seeds(stored: StoredResults) -> StoredResults:
@@ -253,52 +245,44 @@ def _without_seed(model: str) -> str:
 def build_leaderboard(
     stored: StoredResults, key: SortKey, selection: Selection = EVERYTHING, *, seed: int = 0
 ) -> Leaderboard:
-    """Score the selected models in every task of at least two of them.
+    """Score the selected models, and the VJM, in every task of at least two of them.
 
     Raises:
-        ConfigError: a name has no results, or no task has two models.
+        ConfigError: a name has no results, no task has two models, or no model has a score.
         StoreError: samples are corrupt, or two models share no split.
     """
     stored = merge_training_seeds(stored)
     tasks = selection.tasks_of(stored.tasks)
-    newest = sorted(newest_tasks(tasks), key=order_key)
-    usable = [task for task in newest if not task.presentation.reports_training]
-    names = selection.models_of(usable)
-    n_run = {task: sum(name in task.models for name in names) for task in usable}
-    comparable = [task for task in usable if n_run[task] > 1]
-    lonely = [task for task in usable if n_run[task] == 1]
-    notes = list(_data_notes(stored, tasks))
-    if lonely:
-        notes.append(f"Left out, because only one model was run there: {_places(lonely)}.")
+    newest = newest_tasks(tasks)
+    names = selection.models_of([t for t in newest if not t.presentation.reports_training])
+
+    def reason(task: Task) -> str:
+        if task.presentation.reports_training:
+            return TRAINING_MARK
+        n_models = sum(name in task.models for name in names)
+        return "" if n_models > 1 else f"{('none', 'one')[n_models]} of the models was run there"
+
+    by_reason = grouped(newest, reason)
+    comparable = by_reason.pop("", [])
+    outcome = "they are never compared; only the data of the newest run count"
+    notes = [
+        *same_name_other_data(tasks, stored.data_of, outcome),
+        *left_out_notes(tasks),
+        *(f"Left out ({why}): {_places(of_reason)}." for why, of_reason in by_reason.items()),
+    ]
     if not comparable:
         reasons = "".join(f"; {note.removesuffix('.')}" for note in notes)
         raise ConfigError(
             "there is nothing to compare: no two models have results on the same data, "
             f"protocol and condition (models with results: {', '.join(names) or 'none'}){reasons}"
         )
-    names = [name for name in names if any(name in task.models for task in comparable)]
-    scores = Scores.of_tasks(stored, key, comparable, names, seed)
-    scored_names = {task.name for task in scores.tasks}
-    if unscored := [task for task in comparable if task.name not in scored_names]:
-        notes.append(f"No model has a score: {_places(unscored)}.")
-    parts = grouped(scores.tasks, lambda task: task.task.presentation.selects_on_test)
-    run_ids = Counter(
-        result.run_id
-        for task in scores.tasks
-        for model in task.scores
-        for result in task.results[model]
-    )
-    made_by = sources(stored.folder, stored.runs, run_ids)
-    sections = (scores.over(part) for _, part in sorted(parts.items()))
-    return Leaderboard(tuple(sections), tuple(notes), (made_by,))
-
-
-def _data_notes(stored: StoredResults, tasks: Sequence[Task]) -> Iterator[str]:
-    outcome = "they are never compared; only the data of the newest run count"
-    yield from same_name_other_data(tasks, stored.data_of, outcome)
-    yield from left_out_notes(tasks)
-    for protocol in sorted({t.name.protocol for t in tasks if t.presentation.reports_training}):
-        yield f"{protocol} is left out: {TRAINING_MARK}."
+    scores = Scores.of(stored, key, comparable, names, seed)
+    scored = {task.name for task in scores.tasks}
+    if without := [task for task in comparable if task.name not in scored]:
+        notes.append(f"Left out ({SELECTION_MARK}, or no model has a score): {_places(without)}.")
+    results = (of_model for task in scores.tasks for of_model in task.results.values())
+    counts = Counter(result.run_id for of_model in results for result in of_model)
+    return Leaderboard(scores, tuple(notes), sources(stored.folder, stored.runs, counts))
 
 
 def _places(tasks: Sequence[Task]) -> str:

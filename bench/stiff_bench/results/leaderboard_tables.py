@@ -17,8 +17,8 @@ from stiff_bench.results.scores import Scores
 from stiff_bench.results.selection import BoardSettings
 from stiff_bench.results.summary import (
     Summary,
+    board_notes,
     dataset_notes,
-    section_notes,
     split_notes,
     summarize,
 )
@@ -33,27 +33,17 @@ if TYPE_CHECKING:
 
 
 def leaderboard_tables(board: Leaderboard) -> list[Table]:
-    """Return the tables of all sections."""
-    return [table for section in board.sections for table in section_tables(section, board)]
-
-
-def section_models(section: Scores) -> list[str]:
-    """Return all models: complete ones first, best first; those without a score come last."""
-    return list(dict.fromkeys([*model_frame(section)["model"], *section.missing]))
-
-
-def section_tables(section: Scores, board: Leaderboard) -> list[Table]:
-    """Return the tables of a section per protocol and condition."""
+    """Return the tables per protocol and condition: over robots, or per data set."""
     tables, has_datasets = list[Table](), False
-    plans = grouped(section.tasks, lambda task: (task.name.protocol, task.name.condition))
+    plans = grouped(board.scores.tasks, lambda task: (task.name.protocol, task.name.condition))
     for plan, tasks in plans.items():
-        scores = section.over(tasks)
-        of_plan = [] if section.key.is_cost else plan_tables(scores, plan, model_frame(scores))
+        scores = board.scores.over(tasks)
+        of_plan = [] if scores.key.is_cost else plan_tables(scores, plan, model_frame(scores))
         has_datasets |= not of_plan
         tables += of_plan or dataset_tables(scores)
-    notes = section_notes(section, board, has_datasets=has_datasets)
+    notes = board_notes(board, has_datasets=has_datasets)
     tables[0] = replace(tables[0], notes=[*notes, *tables[0].notes])
-    tables[-1] = replace(tables[-1], notes=[*tables[-1].notes, *board.provenance])
+    tables[-1] = replace(tables[-1], notes=[*tables[-1].notes, board.provenance])
     return tables
 
 
@@ -182,7 +172,7 @@ class StudyLeaderboard:
         every = self._scores(settings.protocol, names)
         scores = every.over([task for task in every.tasks if variants.intersection(task.scores)])
         few = {heading: self._scores(settings.few[heading], names) for heading in self.few}
-        datasets = set() if scores.claim is None else {*scores.claim[1]["dataset"]}
+        datasets = {*scores.rows["dataset"]}
         groups = {name: of for name, of in self.groups.items() if datasets.intersection(of)}
         table = model_frame(scores, few, groups)
         for part in board_tables(scores, table, dict(pairs), split_notes(scores, table)):
@@ -196,8 +186,7 @@ class StudyLeaderboard:
             return
         best = self.board_frame["model"].iloc[0]
         every = self._scores(self.settings.protocol, {*extras, REFERENCE_MODEL, best})
-        assert every.claim is not None  # the board has at least as many robots
-        scores = every.over([*every.claim[1]["task"].unique()])
+        scores = every.over([*every.rows["task"].unique()])
         table = model_frame(scores)
         first, *_ = board_tables(scores, table, {})
         missing = sorted({*extras} - {*table[table["complete"]]["model"]})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from stiff_bench.console import one_line
 from stiff_bench.parameter_types import AxisName, Bounds, Form, Fraction, Seed
 from stiff_bench.results.columns import matrix_table, model_table, task_table
 from stiff_bench.results.comparison import compare_folder
@@ -33,16 +31,8 @@ from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
 from stiff_bench.results.summary import summarize, task_headline, task_title
 from stiff_bench.store.database import read_results
-from stiff_bench.tables.table import SCREEN, Name
-from stiff_bench.tables.terminal import (
-    print_lines,
-    print_table,
-    screen_console,
-    screen_of,
-)
 from stiff_bench.tables.units import MM, first_few
 from stiff_bench.tables.writers import Tables
-from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.scoring.metrics import metric
@@ -282,41 +272,19 @@ class Results:
         except ConfigError:
             return None
 
-    def screen(self, *facts: str, verbose: bool = False) -> str:
-        """Return the result for a terminal, or the tables if no model has a score.
+    def screen(self, *, verbose: bool = False) -> Tables:
+        """Return the tables for a terminal: of one task its models, of several their errors.
 
-        One task is printed as a table of its models, several as a matrix. With `verbose` the tables
-        of several tasks follow.
-
-        Args:
-            facts: facts about the run, such as its time.
-            verbose: True to add a table per task and all notes.
+        They are the tables of metrics if no model has a score. `verbose` adds a table per task and
+        all notes.
         """
         if (view := self.view()) is None:
-            return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
+            return self.table(verbose=verbose)
         first, last = view.tables[0], view.tables[-1]
-        tables = [replace(last, notes=[])]
+        tables = [replace(last, notes=first.notes, brief=not verbose)]
         if verbose and last is not first:
             tables += [task_table(task, task_title(task)) for task in self.scores().tasks]
-        console = screen_console()
-        for table in tables:
-            print_table(console, table)
-            console.print()
-        print_lines(console, f"{view.text.removesuffix('.')}.", style="bold")
-        for note in replace(first, brief=not verbose).visible_table().notes:
-            print_lines(console, note)
-        print_lines(console, ". ".join([*facts, ""]).strip(), style="dim")
-        best = first.rows[0][0]
-        line = self._next_commands(best.text if isinstance(best, Name) else str(best))
-        console.print(line, style="dim", soft_wrap=True)
-        return screen_of(console)
-
-    def _next_commands(self, best: str) -> str:
-        folder = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
-        commands = ["bench report --output report.html"]
-        if best != REFERENCE_MODEL:
-            commands.insert(0, f"bench compare {shlex.quote(best)} {REFERENCE_MODEL}")
-        return "Next: " + "\n      ".join(one_line(f"{command}{folder}") for command in commands)
+        return replace(view, tables=tables)
 
     def leaderboard(
         self, metric: str = "norm", axis: AxisName | None = None, *, seed: Seed = 0

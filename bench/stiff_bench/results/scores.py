@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from stiff_bench.results.load import StoredResults, Task, model_names, newest_tasks
 from stiff_bench.results.notes import mark_of
@@ -17,7 +20,7 @@ from stiff_bench.tables.units import MM, PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.record import CellResult, Cost
+from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import METRICS
 
@@ -104,30 +107,6 @@ class Scores(BriefFields):
     tasks: tuple[ScoredTask, ...]
 
     @classmethod
-    def of_tasks(
-        cls,
-        stored: StoredResults,
-        key: SortKey,
-        tasks: Sequence[Task],
-        models: Sequence[str],
-        seed: int = 0,
-    ) -> Scores:
-        """Return the scores of models in tasks, without tasks in which no model has a score.
-
-        Raises:
-            ConfigError: no model has a score.
-            StoreError: samples are corrupt, or two models share no split.
-        """
-        scored = [
-            score_task(task, models, key, stored.data_of(task.name.data_sha256), seed)
-            for task in tasks
-        ]
-        with_scores = [task for task in scored if task.scores]
-        if not with_scores:
-            raise ConfigError(f"no model has a score of {key.text}")
-        return cls(key, tuple(sorted(with_scores, key=lambda task: task.kind != "measured")))
-
-    @classmethod
     def of(
         cls,
         stored: StoredResults,
@@ -136,10 +115,10 @@ class Scores(BriefFields):
         models: Collection[str] | None = None,
         seed: int = 0,
     ) -> Scores:
-        """Score models in the fairest tasks, in the order in which runs requested them.
+        """Score models in the fairest tasks; measured data come first, then the order of requests.
 
         Results that select on the test part or report training errors count only without
-        other results.
+        other results, and tasks only if a model has a score.
 
         Args:
             stored: results with their samples.
@@ -160,7 +139,14 @@ class Scores(BriefFields):
         names = model_names(fairest)
         if models is not None:
             names = [name for name in names if name in {*models, REFERENCE_MODEL}]
-        return cls.of_tasks(stored, key, fairest, names, seed)
+        scored = [
+            score_task(task, names, key, stored.data_of(task.name.data_sha256), seed)
+            for task in fairest
+        ]
+        with_scores = [task for task in scored if task.scores]
+        if not with_scores:
+            raise ConfigError(f"no model has a score of {key.text}")
+        return cls(key, tuple(sorted(with_scores, key=lambda task: task.kind != "measured")))
 
     def over(self, tasks: Sequence[ScoredTask]) -> Scores:
         """Return the scores in some of the tasks."""
@@ -204,11 +190,6 @@ class Scores(BriefFields):
         frame["noise ratio"] = frame["error"] / frame["noise"].where(frame["noise"] > 0.0)
         return frame
 
-    @property
-    def selects_on_test(self) -> bool:
-        """Return True if the protocols let models pick the epoch on the test part."""
-        return self.tasks[0].task.presentation.selects_on_test
-
     @cached_property
     def robots(self) -> dict[str, list[ScoredTask]]:
         """Return tasks by robot type; specimens and plans of a type are one robot."""
@@ -233,41 +214,38 @@ class Scores(BriefFields):
         return {name: of for name, of in self.datasets.items() if of[0].kind == "measured"}
 
     @cached_property
-    def claim(self) -> tuple[str, DataFrame] | None:
-        """Return kind and rows of the robots of a claim: the measured ones if there are enough.
+    def claim(self) -> str | None:
+        """Return the kind of the robots of a claim: the measured ones if there are enough.
 
         Measured and simulated robots are never averaged. None: fewer than `FEWEST_ROBOTS` of each
         kind.
         """
-        for kind in dict.fromkeys(["measured", "simulated", *self.frame["kind"]]):
-            rows = self.frame[self.frame["kind"] == kind]
-            if rows["robot"].nunique() >= FEWEST_ROBOTS:
-                return kind, rows
-        return None
+        n_robots = self.frame.groupby("kind", sort=False)["robot"].nunique().to_dict()
+        kinds = dict.fromkeys(["measured", "simulated", *n_robots])
+        return next((kind for kind in kinds if n_robots.get(kind, 0) >= FEWEST_ROBOTS), None)
+
+    @cached_property
+    def rows(self) -> DataFrame:
+        """Return the rows of `frame` on the robots of the claim; all if there is none."""
+        return self.frame if self.claim is None else self.frame[self.frame["kind"] == self.claim]
 
     @property
     def scope(self) -> str:
         """Return number and kind of the robots of a claim, such as "12 simulated robots"."""
-        if self.claim is None:
-            return ""
-        kind, rows = self.claim
-        return f"{rows['robot'].nunique()} {kind} robots"
+        return f"{self.rows['robot'].nunique()} {self.claim} robots" if self.claim else ""
 
     def verdict_counts(self, model: str) -> Counter[str]:
         """Return the numbers of tasks by verdict on a model ("a") and the VJM ("b")."""
         return Counter(verdict for task in self.tasks if (verdict := task.verdict(model)))
 
-    def mark(self, model: str, protocol: str = "") -> str:
-        """Return the text printed next to a model's name, for one protocol or all."""
-        marks = [
-            mark_of(task.task.models[model].presentation)
-            for task in self.tasks
-            if protocol in ("", task.name.protocol) and model in task.task.models
-        ]
+    def mark(self, model: str) -> str:
+        """Return the text printed next to a model's name."""
+        models = (task.task.models.get(model) for task in self.tasks)
+        marks = (mark_of(stored.presentation) for stored in models if stored is not None)
         return ", ".join(filter(None, dict.fromkeys(marks)))
 
-    def costs(self, model: str, tasks: Iterable[ScoredTask] | None = None) -> list[Cost]:
-        """Return the recorded costs of a model's scored fits in tasks (default: all)."""
-        chosen = self.tasks if tasks is None else tasks
-        results = (result for task in chosen for result in task.results.get(model, ()))
-        return [result.cost for result in results if result.cost is not None]
+    def fit_s(self, model: str, tasks: Iterable[ScoredTask]) -> float:
+        """Return the median fit time of a model in tasks, s; NaN: not recorded."""
+        results = (result for task in tasks for result in task.results.get(model, ()))
+        times = [result.cost.fit_s for result in results if result.cost is not None]
+        return float(np.median(times)) if times else math.nan

@@ -152,7 +152,7 @@ def split_notes(scores: Scores, table: DataFrame) -> list[str]:
     """Return notes on models with fewer splits and on models without every score."""
     if scores.claim is None:
         return []
-    rows, complete = scores.claim[1], {*table[table["complete"]]["model"]}
+    rows, complete = scores.rows, {*table[table["complete"]]["model"]}
     counts, n_all = rows["model"].value_counts(), rows["task"].nunique()
     fewer = [name for name in scores.models if 0 < counts.get(name, 0) < n_all]
     kinds = {True: "With fewer splits", False: "Not on the board, without every score"}
@@ -180,19 +180,15 @@ def _per_dataset(scores: Scores, rivals: Sequence[Row], models: Sequence[str]) -
     data = f"on {names[0]}" if len(names) == 1 else "on these data sets"
     headline = f"No model is reliably better than the VJM {data}"
     if winners:
-        headline = f"Use {name} {data}: {change_text(best['ratio'])} error than the VJM"
-    how_sure = "No test applies: there is one split, and poses cannot be resampled."
-    if of_best:
-        n_open = of_best["open"] + of_best["equivalent"]
-        how_sure = (
-            f"{name} is better than the VJM in {of_best['a']} of "
-            f"{counted(of_best.total(), 'comparison')}, worse in {of_best['b']}; "
-            f"{n_open} show no significant difference."
-        )
-    sentences = [("How sure", how_sure), ("Data", _data_text(scores))]
+        won = f"better in {of_best['a']} of {counted(of_best.total(), 'comparison')}"
+        headline = f"Use {name} {data}: {change_text(best['ratio'])} error than the VJM, {won}"
+    sentences = [("Data", _data_text(scores))]
+    if not of_best:
+        no_test = "no test applies: there is one split, and poses cannot be resampled."
+        sentences.insert(0, ("How sure", no_test))
     if better := [*_better_models(scores, models, name)]:
         but = f"Another model is significantly better: {first_few(better, 2)}."
-        sentences.insert(1, ("But", but))
+        sentences.insert(0, ("But", but))
     return Summary(headline, sentences)
 
 
@@ -310,11 +306,12 @@ def dataset_notes(scores: Scores) -> Iterator[str]:
         )
 
 
-def section_notes(scores: Scores, board: Leaderboard, *, has_datasets: bool) -> Iterator[str]:
-    """Yield notes on all tables of a section, most important first.
+def board_notes(board: Leaderboard, *, has_datasets: bool) -> Iterator[str]:
+    """Yield notes on all tables of a leaderboard, most important first.
 
-    `has_datasets` is True if the section has a table per data set.
+    `has_datasets` is True if it has a table per data set.
     """
+    scores = board.scores
     warnings = (task.task.presentation.warning for task in scores.tasks)
     yield from filter(None, dict.fromkeys(warnings))
     if has_datasets and scores.claim is None and not scores.key.is_cost:

@@ -185,15 +185,6 @@ def test_figures_are_of_all_results_or_of_one_comparison_and_broken_ones_are_lef
     assert len(part.sections) == 1 and "first 1 of 2" in part.notes[0]
 
 
-def test_protocols_that_select_on_test_have_their_own_table(results):
-    for model in ("vjm", "mlp"):
-        results.add(model, [0.1, 0.2], protocol="paper", selects_on_test=True, warning="not fair")
-    parts = parts_of(results.folder)
-    assert "not fair" in parts["Leaderboard (epoch picked on test part)"].tables[0].notes
-    assert "Pairs of models (epoch picked on test part)" in parts
-    assert "not fair" not in parts["Leaderboard"].tables[0].notes
-
-
 @pytest.mark.parametrize(("n_splits", "options"), [(5, {}), (1, {}), (5, {"pooled": True})])
 def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_image(
     tmp_path, n_splits, options
@@ -201,7 +192,7 @@ def test_every_pair_has_the_verdict_that_compare_has_among_all_and_its_mirror_im
     folder = store_results(tmp_path, MODELS, tests=fifths(5)[:n_splits], **options)
     task, data = task_in(folder)
     board = build_leaderboard(StoredResults.read(folder), sort_key("norm", None))
-    table = pair_table(board.sections[0])
+    table = pair_table(board.scores)
     names = [row[0].split()[1] for row in table.texts()]
     cells = {row[0].split()[1]: dict(zip(names, row[1:], strict=True)) for row in table.texts()}
     for a in MODELS:

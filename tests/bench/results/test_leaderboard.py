@@ -9,8 +9,8 @@ import pytest
 
 from helpers.figure_results import with_fields
 from helpers.made_results import TWINS, MadeResults, forget
-from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard
-from stiff_bench.results.leaderboard_tables import leaderboard_tables, section_models
+from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, model_frame
+from stiff_bench.results.leaderboard_tables import leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import TRAINING_MARK
 from stiff_bench.results.scored_task import sort_key
@@ -37,9 +37,9 @@ def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
     return {name.strip(): [cell.strip() for cell in row_cells] for name, *row_cells in lines[2:]}
 
 
-def order(board: Leaderboard, section: int = 0) -> list[str]:
-    """Return the models of a section without the VJM, best first."""
-    return [name for name in section_models(board.sections[section]) if name != "vjm"]
+def order(board: Leaderboard) -> list[str]:
+    """Return the models with a score without the VJM, best first."""
+    return [name for name in model_frame(board.scores)["model"] if name != "vjm"]
 
 
 def add_three(made: MadeResults) -> None:
@@ -63,7 +63,7 @@ def test_a_missing_score_is_reported_with_its_reason_and_moves_no_other_model(ma
     made.add("winner", [0.1, 0.1], TWINS[0])
     made.add("broken", [0.1, 0.1], TWINS[1], failed=[1])
     board = board_of(made)
-    missing = board.sections[0].missing
+    missing = board.scores.missing
     assert missing["winner"] == ["not run"] * 2 and "FAILED: it broke" in missing["broken"]
     assert cells(board, TWINS[1])["broken"][0] == "FAILED"
     assert "Scores are missing" in text_of(board)
@@ -73,7 +73,7 @@ def test_the_intervals_are_those_of_the_verdicts_over_splits_and_over_poses(made
     base = rng.gamma(9.0, 1.0, size=(3, 4))
     made.add_each({"vjm": list(base), "net": list(0.5 * base)})
     board = board_of(made)
-    (task,) = board.sections[0].tasks
+    (task,) = board.scores.tasks
     _, change, *intervals, verdict = cells(board, "twin")["net"]
     for text, estimate in zip(intervals, task.estimates("net"), strict=True):
         assert text == f"{1e3 * estimate.low:.4f} to {1e3 * estimate.high:.4f}"
@@ -81,18 +81,18 @@ def test_the_intervals_are_those_of_the_verdicts_over_splits_and_over_poses(made
     assert task.verdict("net") == "a"
 
 
-def test_protocols_that_select_on_the_test_part_have_their_own_table_and_a_mark(made):
-    add_three(made)
+def test_protocols_that_select_on_the_test_part_count_only_without_others_and_have_a_mark(made):
     paper = {"protocol": "paper-holdout", "selects_on_test": True, "warning": "it is optimistic"}
     made.add("a", [2.0], **paper)
     made.add("b", [1.0], picked_on_test=True, **paper)
+    unfair = board_of(made)
+    assert order(unfair) == ["b", "a"] and unfair.scores.mark("b") == "epoch picked on test part"
+    for part in ("b [epoch picked on test part]", "it is optimistic"):
+        assert part in text_of(unfair)
+    add_three(made)
     board = board_of(made)
-    fair, unfair = board.sections
-    assert order(board, 1) == ["b", "a"]
-    assert (fair.mark("b"), unfair.mark("b")) == ("", "epoch picked on test part")
-    text = text_of(board)
-    for part in ("b [epoch picked on test part]", "not a fair comparison", "it is optimistic"):
-        assert part in text
+    assert board.scores.mark("b") == "" and "optimistic" not in text_of(board)
+    assert board.notes[-1].endswith("twin | paper-holdout.")
 
 
 def test_what_noise_can_explain_or_makes_none_in_practice_is_like_the_best_and_no_other(made, rng):
@@ -112,18 +112,18 @@ def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
     base = rng.gamma(9.0, 1.0, size=(3, 4))
     worse = {f"worse-{number}": list(base + 50.0 + 0.01 * number) for number in range(51)}
     made.add_each({"best": list(base), "vjm": list(base + 60.0), **worse})
-    (task,) = board_of(made).sections[0].tasks
+    (task,) = board_of(made).scores.tasks
     assert task.like_best() == {"best"}
 
 
 def test_the_metric_decides_what_is_sorted_and_in_which_direction(made):
     made.add_each({"a": [3.0], "b": [1.0]})
     of_z, of_all = (board_of(made, metric="mae", axis=axis) for axis in ("z", None))
-    assert of_z.sections[0].tasks[0].mean("a") == pytest.approx(3e-3)
-    assert of_all.sections[0].tasks[0].mean("a") == pytest.approx(1e-3)
+    assert of_z.scores.tasks[0].mean("a") == pytest.approx(3e-3)
+    assert of_all.scores.tasks[0].mean("a") == pytest.approx(1e-3)
     assert order(of_z) == order(board_of(made, metric="skill")) == ["b", "a"]
     made.add_each({"a": [1.0, 3.0], "b": [4.0, 4.0]}, protocol="leave-one-out", pooled=True)
-    (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).sections[0].tasks
+    (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).scores.tasks
     assert pooled.scores["a"].tolist() == pytest.approx([3e-3])
 
 
@@ -138,7 +138,7 @@ def test_csv_has_a_line_per_number(made):
 def test_splits_that_all_models_have_count_and_there_must_be_one(made):
     made.add_each({"a": [1.0, 5.0, 9.0], "b": [2.0, 2.0]})
     board = board_of(made)
-    assert board.sections[0].tasks[0].mean("a") == pytest.approx(3e-3)
+    assert board.scores.tasks[0].mean("a") == pytest.approx(3e-3)
     assert "only the 2 of 3 splits" in text_of(board)
     first, *_ = made.add("b", [2.0, 2.0])
     forget(made.folder, first, *made.add("a", [1.0, 5.0, 9.0])[1:])
@@ -157,7 +157,7 @@ def test_the_newest_runs_data_count_if_data_of_one_name_changed(made, field, val
     for value, run_id, error in zip(values, ("20260101T", "20270101T"), (1.0, 3.0), strict=True):
         made.add_each({"a": [error], "b": [2.0]}, run_id=run_id, **{field: value})
     board = board_of(made)
-    assert order(board) == ["b", "a"] and len(board.sections[0].tasks) == 1
+    assert order(board) == ["b", "a"] and len(board.scores.tasks) == 1
     assert message in text_of(board)
 
 
@@ -168,12 +168,12 @@ def test_what_cannot_be_compared_moves_no_model_and_is_reported(made):
     made.add_each({"a": [9.0] * 2, "b": [1.0] * 2}, "own", **training)
     made.add("a", [9.0] * 2, "lonely")
     board = board_of(made)
-    assert order(board) == before and len(board.sections[0].tasks) == 3
+    assert order(board) == before and len(board.scores.tasks) == 3
     assert {*board.notes} == {
-        f"paper-holdout@read_on=all is left out: {TRAINING_MARK}.",
-        "Left out, because only one model was run there: lonely | holdout.",
+        f"Left out ({TRAINING_MARK}): own | paper-holdout@read_on=all.",
+        "Left out (one of the models was run there): lonely | holdout.",
     }
-    assert "left out" in text_of(board)
+    assert "Left out" in text_of(board)
     for dataset in ("own", "lonely"):
         with pytest.raises(ConfigError, match="nothing to compare"):
             board_of(made, datasets=(dataset,))
@@ -195,7 +195,7 @@ def test_an_interrupted_run_is_included_if_it_takes_no_split_from_the_finished(
 ):
     for model, n_done, n_requested in zip("abc", done_counts, requested_counts, strict=True):
         made.add(model, [1.0] * n_done, n_splits=n_requested)
-    (scored,) = board_of(made).sections[0].tasks
+    (scored,) = board_of(made).scores.tasks
     assert {*scored.scores} - {"vjm"} == {*ranked} and len(scored.splits) == n_splits
 
 
@@ -205,7 +205,7 @@ def test_data_without_a_score_are_named_and_there_must_be_a_score(made):
     with pytest.raises(ConfigError, match="no model has a score"):
         board_of(made)
     add_three(made)
-    assert "No model has a score: unfinished | holdout." in text_of(board_of(made))
+    assert "no model has a score): unfinished | holdout." in text_of(board_of(made))
 
 
 def test_a_table_shows_only_the_caveats_of_its_own_data_sets(made):
@@ -224,7 +224,7 @@ def test_costs_rank_models_without_a_test(made):
             with_fields(made, model, split=split, cost=cost)
     made.add("unknown", [1.0])  # it takes no splits from the others
     board = board_of(made, metric="fit-time")
-    (task,) = board.sections[0].tasks
-    assert order(board) == ["quick", "slow", "unknown"] and "≈" not in text_of(board)
+    (task,) = board.scores.tasks
+    assert order(board) == ["quick", "slow"] and "≈" not in text_of(board)
     assert len(task.splits) == 3 and not task.left_out
     assert task.missing["unknown"] == "no value of fit time [ms]"

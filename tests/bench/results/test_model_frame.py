@@ -10,7 +10,7 @@ from scipy import stats
 from helpers.figure_results import with_fields
 from helpers.made_results import FAIR, GOOD, MadeResults
 from stiff_bench.results.columns import board_tables
-from stiff_bench.results.leaderboard import control_frame, model_frame
+from stiff_bench.results.leaderboard import control_rows, model_frame
 from stiff_bench.results.summary import split_notes, summarize
 from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.scoring.paired import holm
@@ -160,6 +160,6 @@ def test_errors_on_paths_and_with_fewer_poses_are_over_those_of_the_vjm(made):
 
 def test_controls_compare_a_model_with_its_own_beginning(made):
     made.add_robots()
-    (control,) = control_frame(made.scores(), {"good": "fair", "absent": "vjm"}).to_dict("records")
+    (control,) = control_rows(made.scores(), {"good": "fair", "absent": "vjm"})
     assert control["ratio"] == pytest.approx(stats.gmean(np.array(GOOD) / np.array(FAIR)))
     assert (control["model"], control["control"], control["equal"]) == ("good", "fair", False)

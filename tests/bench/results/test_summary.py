@@ -63,7 +63,7 @@ def test_with_few_robots_a_model_that_wins_more_than_it_loses_is_named(made, rat
 def test_another_model_that_is_better_somewhere_is_named(made):
     made.add_robot(0, {"net": 0.5, "other": 5.0})
     made.add_robot(1, {"net": 0.6, "other": 0.1})
-    assert sentence_of(made, "How sure").startswith("net is better than the VJM in 2 of 2")
+    assert summary_of(made).headline.endswith("better in 2 of 2 comparisons")
     but = sentence_of(made, "But")
     assert "other on arm-1" in but and "arm-0" not in but
 
