@@ -13,7 +13,7 @@ import stiffbench as sb
 from stiff_bench.page.study_page import study_leaderboard
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import find_study
-from stiff_bench.results.leaderboard import complete_logs
+from stiff_bench.results.scores import complete_logs
 
 TOP = Path(__file__).parents[1]
 README = (TOP / "README.md").read_text(encoding="utf-8")

@@ -19,8 +19,7 @@ from stiff_bench.page.page import Figure, Page, Section, drawn_figures, write_te
 from stiff_bench.parameter_types import AxisName, FilePath, Seed
 from stiff_bench.results.columns import matrix_table, metric_columns, model_table
 from stiff_bench.results.fit_values import mean_over, metric_values
-from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, model_frame
-from stiff_bench.results.leaderboard_tables import leaderboard_tables
+from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import (
     NO_MANIFEST,
@@ -34,7 +33,7 @@ from stiff_bench.results.notes import (
 )
 from stiff_bench.results.results import Results
 from stiff_bench.results.scored_task import SortKey, sort_key
-from stiff_bench.results.scores import Scores
+from stiff_bench.results.scores import Scores, model_frame
 from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.summary import correction_text, summarize
 from stiff_bench.store.names import grouped

@@ -22,7 +22,7 @@ from stiff_bench.page.page import Link, Page, Section, drawn_figures, write_text
 from stiff_bench.page.study_page import study_leaderboard
 from stiff_bench.paper.study_file import Study
 from stiff_bench.results.columns import RATIO_FORMAT
-from stiff_bench.results.leaderboard_tables import StudyLeaderboard
+from stiff_bench.results.leaderboard import StudyLeaderboard
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import sources
 from stiff_bench.store.names import split_word

@@ -19,8 +19,7 @@ from stiff_bench.page.page import Figure, Page, Section, write_text
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import Study
-from stiff_bench.results.leaderboard import build_leaderboard
-from stiff_bench.results.leaderboard_tables import StudyLeaderboard, leaderboard_tables
+from stiff_bench.results.leaderboard import StudyLeaderboard, build_leaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.metric_tables import metric_tables
 from stiff_bench.results.notes import outdated_models, sources

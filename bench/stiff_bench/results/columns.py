@@ -14,10 +14,9 @@ from operator import itemgetter, methodcaller
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.results.fit_values import mean_over, metric_values
-from stiff_bench.results.leaderboard import control_rows
 from stiff_bench.results.notes import mark_of
 from stiff_bench.results.scored_task import NOISE_FLOOR, ScoredTask
-from stiff_bench.results.scores import Scores
+from stiff_bench.results.scores import Scores, control_rows
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.table import text_columns as texts
 from stiff_bench.tables.units import PRINTED, counted, duration, percent
@@ -439,7 +438,7 @@ def _dataset_rows(scores: Scores, task: ScoredTask) -> Iterator[Row]:
     """Yield the models in a task, best first; models without a score come last."""
     key, best, like_best = scores.key, task.best(), task.like_best()
     ranked = sorted(task.models, key=lambda name: key.sign * task.mean(name))
-    for name in (*ranked, *sorted({*scores.run_models} - {*ranked})):
+    for name in (*ranked, *sorted({*scores.models, *scores.missing} - {*ranked})):
         score = Quantity(status=task.status(name))
         if name in task.scores:
             mark = BEST if name == best else LIKE_BEST if name in like_best else ""

@@ -175,10 +175,15 @@ class StoredResults(BriefFields):
         return tuple(result for task in self.tasks for result in task.every)
 
     def newest_results(self) -> list[CellResult]:
-        """Return the newest results and failures, sorted by task."""
+        """Return the newest results and failures, sorted by task: "n = 5" before "n = 10"."""
+
+        def place(task: Task) -> tuple[Any, ...]:
+            name = task.name
+            return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
+
         return [
             result
-            for task in sorted(self.tasks, key=order_key)
+            for task in sorted(self.tasks, key=place)
             for model in task.models.values()
             for result in (*model.done.values(), *model.failures.values())
         ]
@@ -187,12 +192,6 @@ class StoredResults(BriefFields):
 def model_names(tasks: Iterable[Task]) -> list[str]:
     """Return the names of all models with a result or a failure."""
     return sorted({name for task in tasks for name in task.models})
-
-
-def order_key(task: Task) -> tuple[Any, ...]:
-    """Return a sort key that puts "n = 5" before "n = 10"."""
-    name = task.name
-    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
 
 
 def newest_tasks(tasks: Sequence[Task]) -> list[Task]:
@@ -298,30 +297,23 @@ def _of_newest_splits(
 def _of_newest_options(
     results: Sequence[CellResult], newest: CellResult
 ) -> tuple[list[CellResult], list[str]]:
-    """Return a model's results with options and version of its newest one, and notes.
+    """Return a model's results with options and version of its newest one, and a note.
 
     A name contains only the options that differ from their defaults. The same name has other
     options if a default, or a file that an option names, was changed.
     """
-    cell, name = newest.cell, newest.presentation.model
+    cell = newest.cell
     intervals = {0, max(result.cell.interval_version for result in results)}  # 0: no intervals
     same = [
         result
         for result in results
         if result.cell.model_version == cell.model_version
+        and result.cell.model_params == cell.model_params
         and result.cell.interval_version in intervals
     ]
-    notes = [f"older results of {name} by another version of it"] * (len(same) < len(results))
-    options = cell.model_params
-    differing = {
-        option
-        for result in same
-        for option in {*options, *result.cell.model_params}
-        if options.get(option) != result.cell.model_params.get(option)
-    }
-    if differing:
-        notes.append(f"older results of {name} with other options ({', '.join(sorted(differing))})")
-    return [result for result in same if result.cell.model_params == options], notes
+    name = newest.presentation.model
+    notes = [f"older results of {name} with another version or other options"]
+    return same, notes * (len(same) < len(results))
 
 
 def _select_result(results: Sequence[CellResult], runs: _Runs) -> CellResult:

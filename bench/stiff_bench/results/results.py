@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from stiff_bench.parameter_types import AxisName, Bounds, Form, Fraction, Seed
 from stiff_bench.results.columns import matrix_table, model_table, task_table
 from stiff_bench.results.comparison import compare_folder
 from stiff_bench.results.comparison_tables import comparison_tables, comparison_text
-from stiff_bench.results.leaderboard import build_leaderboard, model_frame
-from stiff_bench.results.leaderboard_tables import leaderboard_tables
+from stiff_bench.results.leaderboard import build_leaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults, newest_tasks
 from stiff_bench.results.metric_tables import metric_tables
 from stiff_bench.results.notes import (
@@ -26,16 +25,17 @@ from stiff_bench.results.notes import (
     size_notes,
 )
 from stiff_bench.results.scored_task import sort_key
-from stiff_bench.results.scores import Scores, fit_frame, identity_of, prediction_frame
+from stiff_bench.results.scores import Scores, model_frame
 from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
 from stiff_bench.results.summary import summarize, task_headline, task_title
 from stiff_bench.store.database import read_results
-from stiff_bench.tables.units import MM, first_few
+from stiff_bench.tables.units import MM, PRINTED, first_few
 from stiff_bench.tables.writers import Tables
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.scoring.metrics import metric
+from stiff_protocols.contract.types import AXES
+from stiff_protocols.scoring.metrics import METRICS, metric
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 
 RESULTS = Path("results/runs")
 """Default folder of results for `bench run` and for the commands that read results."""
+UNIT_WORDS = {"%": "percent", "1/s": "per_s"}
+"""Units as parts of a column's name."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,16 +86,10 @@ class Results:
             protocols: protocols, such as "holdout".
             conditions: conditions of the protocols, such as "n = 40".
         """
-        chosen = self.selection
-        return replace(
-            self,
-            selection=Selection(
-                tuple(models) or chosen.models,
-                tuple(datasets) or chosen.datasets,
-                tuple(protocols) or chosen.protocols,
-                tuple(conditions) or chosen.conditions,
-            ),
-        )
+        words = {"models": models, "datasets": datasets}
+        words |= {"protocols": protocols, "conditions": conditions}
+        given = {kind: tuple(names) for kind, names in words.items() if names}
+        return replace(self, selection=replace(self.selection, **given))
 
     @cached_property
     def stored(self) -> StoredResults:
@@ -147,7 +143,11 @@ class Results:
         has its reason and no values. Data sets with one name and different data differ in
         `data_sha256`; only the newest data are in the frame, and a warning names the older ones.
         """
-        self._warn_of_older_results()
+        tasks = self.selection.tasks_of(self.stored.tasks)
+        outcome = "only the newest is in the frame"
+        notes = same_name_other_data(tasks, self.stored.data_of, outcome)
+        for note in (*notes, *left_out_notes(tasks)):
+            warnings.warn(note, StiffBenchWarning, stacklevel=2)
         return fit_frame(self._current_fits, lambda sha256: self.stored.data_of(sha256).robot.name)
 
     def predictions(self) -> DataFrame:
@@ -172,13 +172,6 @@ class Results:
         current = newest_tasks(self.stored.tasks)
         keys = {result.cell.key for task in current for result in task.every}
         return [result for result in self.fits if result.cell.key in keys]
-
-    def _warn_of_older_results(self) -> None:
-        tasks = self.selection.tasks_of(self.stored.tasks)
-        outcome = "only the newest is in the frame"
-        notes = same_name_other_data(tasks, self.stored.data_of, outcome)
-        for note in (*notes, *left_out_notes(tasks)):
-            warnings.warn(note, StiffBenchWarning, stacklevel=3)
 
     def table(self, *metrics: str, verbose: bool = False) -> Tables:
         """Return a table per data set and protocol, as printed by `bench run`.
@@ -331,3 +324,65 @@ class Results:
 def open_results(folder: Path | str) -> Results:
     """Return the results of a folder, such as the --output of `bench run`."""
     return Results(Path(folder), command=f"stiffbench.open_results({str(folder)!r})")
+
+
+# rows of frames
+
+
+def identity_of(result: CellResult) -> dict[str, Any]:
+    """Return the columns that identify a fit in a frame."""
+    cell, texts = result.cell, result.presentation
+    return {
+        "model": texts.model,
+        "dataset": texts.dataset,
+        "kind": texts.kind,
+        "protocol": texts.protocol,
+        "condition": cell.condition,
+        "seed": cell.seed,
+        "split": cell.split_index,
+        "model_version": cell.model_version,
+        "data_sha256": cell.data_sha256,
+        "run": result.run_id,
+    }
+
+
+def fit_frame(results: Iterable[CellResult], robot_of: Callable[[str], str]) -> DataFrame:
+    """Return a row per fit: identity, status, all metrics and costs in printed units.
+
+    The unit ends the name of a column: `norm_mm`, `mae_x_mm`, `removed_percent`, `fit_time_ms`.
+
+    Args:
+        results: fits; a failed one has its reason and no values.
+        robot_of: function that returns the robot's name for the hash of a data set.
+    """
+    from pandas import DataFrame  # slow, and a single task needs no frame
+
+    rows = []
+    for result in results:
+        row = identity_of(result) | {"robot": robot_of(result.cell.data_sha256)}
+        row |= {"status": result.status, "failure": result.failure}
+        for item in METRICS.values():
+            unit, factor = PRINTED[item.unit]
+            for axis, value in item.of_result(result).items():
+                words = (item.key.replace("-", "_"), axis, UNIT_WORDS.get(unit, unit))
+                row["_".join(filter(None, words))] = factor * value
+        rows.append(row)
+    return DataFrame(rows)
+
+
+def prediction_frame(results: Iterable[CellResult]) -> DataFrame:
+    """Return a row per test sample: identity, row, measured and predicted deflection, mm."""
+    from pandas import DataFrame, concat  # slow, and a single task needs no frame
+
+    parts = []
+    for result in results:
+        if (prediction := result.prediction) is None:
+            continue
+        arrays = {"": prediction.measured, "_predicted": prediction.predicted}
+        columns = {
+            f"d{axis}{name}_mm": MM * array[:, number]
+            for name, array in arrays.items()
+            for number, axis in enumerate(AXES)
+        }
+        parts.append(DataFrame({**identity_of(result), "row": prediction.rows, **columns}))
+    return concat(parts, ignore_index=True) if parts else DataFrame()

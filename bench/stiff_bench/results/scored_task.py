@@ -83,11 +83,6 @@ class SortKey:
         return -1.0 if self.metric.direction == "larger" else 1.0
 
     @property
-    def resamples(self) -> bool:
-        """Return True if the metric is a mean over rows, so that poses can be resampled."""
-        return self.metric.key in _ROW_ERRORS
-
-    @property
     def is_cost(self) -> bool:
         """Return True for time or memory; no statistical test applies to these."""
         return self.metric.of_cost is not None
@@ -109,8 +104,10 @@ class SortKey:
             return None
         return np.asarray(np.mean(of_axes, axis=0))
 
-    def of_rows(self, prediction: Prediction) -> FloatArray:
-        """Return the (n,) errors, m, whose mean is the value; only if `resamples`."""
+    def of_rows(self, prediction: Prediction) -> FloatArray | None:
+        """Return the (n,) errors, m, whose mean is the value; None: it is no mean over rows."""
+        if self.metric.key not in _ROW_ERRORS:
+            return None
         errors = _ROW_ERRORS[self.metric.key](prediction)
         columns = [self.metric.axes.index(axis) for axis in self._axes]
         return np.asarray(errors.reshape(len(errors), -1)[:, columns].mean(axis=1))
@@ -129,13 +126,10 @@ def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
             reason = "its best value is the nominal one"
         valid = ", ".join(m.key for m in METRICS.values() if not m.needs_interval)
         raise ConfigError(f"{key}: {reason}, so it does not rank models (valid: {valid})", "metric")
-    if axis is not None and axis not in AXES:
-        raise ConfigError(f"{axis!r} (valid: {', '.join(AXES)})", "axis")
     if axis is not None and axis not in chosen_metric.axes:
         with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
-        raise ConfigError(
-            f"{axis}: {key} has no axes; use a metric with axes ({with_axes})", "axis"
-        )
+        need = f"use {', '.join(AXES)} of a metric with axes ({with_axes})"
+        raise ConfigError(f"{axis!r}: no axis of {key}; {need}", "axis")
     return SortKey(chosen_metric, axis or "")
 
 
@@ -349,18 +343,16 @@ def shared_errors(
         DataError: the models were not tested on the same rows.
     """
     columns = np.column_stack(scores)  # (J, m)
-    of_poses = None
-    if key.resamples:
-        predictions = [pooled_prediction(of_model) for of_model in results]
-        rows = predictions[0].rows
-        if not all(np.array_equal(rows, prediction.rows) for prediction in predictions):
-            raise DataError("only models that were tested on the same rows can be compared")
-        errors = np.column_stack([key.of_rows(prediction) for prediction in predictions])
-        of_poses = pose_errors(data.samples.pose_id, errors, rows)
+    predictions = [pooled_prediction(of_model) for of_model in results]
+    of_rows = [key.of_rows(prediction) for prediction in predictions]
+    errors, rows = [of_model for of_model in of_rows if of_model is not None], predictions[0].rows
+    if errors and not all(np.array_equal(rows, prediction.rows) for prediction in predictions):
+        raise DataError("only models that were tested on the same rows can be compared")
+    pose_id = data.samples.pose_id
     return SharedErrors(
         of_splits=key.sign * columns if len(columns) > 1 else None,
         test_share=_test_share(results[0], data),
-        of_poses=of_poses,
+        of_poses=pose_errors(pose_id, np.column_stack(errors), rows) if errors else None,
         seed=seed,
     )
 

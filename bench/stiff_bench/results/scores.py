@@ -1,11 +1,16 @@
-"""Frames of results: a row per fit, and a row per task and model."""
+"""Scores of models in several tasks, and models over robots.
+
+The main number of a model is its error over the VJM's: the geometric mean over robots, and for each
+robot over its data sets with equal weights. Measured robots have separate columns and are never
+averaged with simulated robots.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -16,82 +21,24 @@ from stiff_bench.results.load import StoredResults, Task, model_names, newest_ta
 from stiff_bench.results.notes import mark_of
 from stiff_bench.results.scored_task import ScoredTask, SortKey, family_of, score_task
 from stiff_bench.store.names import grouped
-from stiff_bench.tables.units import MM, PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import AXES
-from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.scoring.over_robots import (
+    corrected_p_values,
+    equivalence_p_value,
+    mean_ratio,
+    without_one,
+)
+from stiff_protocols.scoring.paired import LEVEL
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
 FEWEST_ROBOTS = 5
 """Smallest number of robots with an interval over them."""
-
-
-def identity_of(result: CellResult) -> dict[str, Any]:
-    """Return the columns that identify a fit in a frame."""
-    cell, texts = result.cell, result.presentation
-    return {
-        "model": texts.model,
-        "dataset": texts.dataset,
-        "kind": texts.kind,
-        "protocol": texts.protocol,
-        "condition": cell.condition,
-        "seed": cell.seed,
-        "split": cell.split_index,
-        "model_version": cell.model_version,
-        "data_sha256": cell.data_sha256,
-        "run": result.run_id,
-    }
-
-
-UNIT_WORDS = {"%": "percent", "1/s": "per_s"}
-"""Units as parts of a column's name."""
-
-
-def fit_frame(results: Iterable[CellResult], robot_of: Callable[[str], str]) -> DataFrame:
-    """Return a row per fit: identity, status, all metrics and costs in printed units.
-
-    The unit ends the name of a column: `norm_mm`, `mae_x_mm`, `removed_percent`, `fit_time_ms`.
-
-    Args:
-        results: fits; a failed one has its reason and no values.
-        robot_of: function that returns the robot's name for the hash of a data set.
-    """
-    from pandas import DataFrame  # slow, and a single task needs no frame
-
-    rows = []
-    for result in results:
-        row = identity_of(result) | {"robot": robot_of(result.cell.data_sha256)}
-        row |= {"status": result.status, "failure": result.failure}
-        for item in METRICS.values():
-            unit, factor = PRINTED[item.unit]
-            for axis, value in item.of_result(result).items():
-                words = (item.key.replace("-", "_"), axis, UNIT_WORDS.get(unit, unit))
-                row["_".join(filter(None, words))] = factor * value
-        rows.append(row)
-    return DataFrame(rows)
-
-
-def prediction_frame(results: Iterable[CellResult]) -> DataFrame:
-    """Return a row per test sample: identity, row, measured and predicted deflection, mm."""
-    from pandas import DataFrame, concat  # slow, and a single task needs no frame
-
-    parts = []
-    for result in results:
-        if (prediction := result.prediction) is None:
-            continue
-        arrays = {"": prediction.measured, "_predicted": prediction.predicted}
-        columns = {
-            f"d{axis}{name}_mm": MM * array[:, number]
-            for name, array in arrays.items()
-            for number, axis in enumerate(AXES)
-        }
-        parts.append(DataFrame({**identity_of(result), "row": prediction.rows, **columns}))
-    return concat(parts, ignore_index=True) if parts else DataFrame()
+PLAN = ["robot", "family", "protocol"]
+"""Columns of a vote: each data set and protocol of a robot has the same weight."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,11 +115,6 @@ class Scores(BriefFields):
             if name in run
         }
 
-    @property
-    def run_models(self) -> list[str]:
-        """Return the models with a score, then those without one that were run."""
-        return list(dict.fromkeys([*self.models, *self.missing]))
-
     @cached_property
     def frame(self) -> DataFrame:
         """Return a row per task and ranked model, with ratios to the VJM's numbers.
@@ -189,11 +131,6 @@ class Scores(BriefFields):
             frame[f"{name} ratio"] = frame[name] / reference.where(reference > 0.0)
         frame["noise ratio"] = frame["error"] / frame["noise"].where(frame["noise"] > 0.0)
         return frame
-
-    @cached_property
-    def robots(self) -> dict[str, list[ScoredTask]]:
-        """Return tasks by robot type; specimens and plans of a type are one robot."""
-        return grouped(self.tasks, lambda task: task.data.robot.name)
 
     @cached_property
     def datasets(self) -> dict[str, list[ScoredTask]]:
@@ -244,8 +181,163 @@ class Scores(BriefFields):
         marks = (mark_of(stored.presentation) for stored in models if stored is not None)
         return ", ".join(filter(None, dict.fromkeys(marks)))
 
-    def fit_s(self, model: str, tasks: Iterable[ScoredTask]) -> float:
-        """Return the median fit time of a model in tasks, s; NaN: not recorded."""
-        results = (result for task in tasks for result in task.results.get(model, ()))
-        times = [result.cost.fit_s for result in results if result.cost is not None]
-        return float(np.median(times)) if times else math.nan
+
+# models over robots
+
+
+def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFrame:
+    """Return (robots, models) mean logarithms of a ratio, with one vote per plan of a robot.
+
+    A model needs only one split of a data set: its error is divided by the VJM's on that split.
+
+    Args:
+        rows: rows of `Scores.frame`.
+        value: column of the ratio.
+        partial: True to average the plans that a model has; else its mean is then NaN.
+    """
+    logs = rows.assign(log=np.log(rows[value].where(rows[value] > 0.0)))
+    votes = logs.groupby([*PLAN, "model"], sort=False)["log"]
+    means = votes.agg(_mean)
+    by_plan = means if partial else means.where(votes.count() == votes.size())
+    plans = rows.set_index(PLAN).index.unique()
+    table = by_plan.unstack("model").reindex(index=plans, columns=rows["model"].unique())
+    robots = table.groupby("robot", sort=False)
+    by_robot = robots.agg(_mean)
+    return by_robot if partial else by_robot.where(robots.count().eq(robots.size(), axis="index"))
+
+
+def _mean(values: Any) -> float:
+    """Return the mean without NaN; its rounding does not depend on the version of pandas."""
+    present = values.dropna().to_numpy()
+    return float(np.mean(present)) if len(present) else math.nan
+
+
+def model_frame(
+    scores: Scores,
+    few: Mapping[str, Scores] | None = None,
+    groups: Mapping[str, Collection[str]] | None = None,
+) -> DataFrame:
+    """Return a row per model, best first; models with missing scores come last.
+
+    Columns of all models: `model`, `mark`, `median` error in the metric's unit, `n tasks`,
+    `complete`, `ratio` (geometric mean of error / VJM's error over robots), `smallest` and
+    `largest` ratio of a task, `fit_s`. With enough robots of one kind also: `low` and `high` of the
+    ratio's interval, `p` against the VJM, and of complete models `verdict`, `won` (robots with the
+    smallest ratio), `n robots`, `worst`, `worst robot`, `p best`, `like best` (within 5 %),
+    `without low` and `without high` (range without any one robot), `p95`, `noise` and `path`. Keys
+    (`few`, heading), (`group`, name), (`measured`, data set) and (`measured verdict`, data set)
+    hold further ratios.
+
+    Args:
+        scores: scores on the robots.
+        few: scores with fewer poses on the same robots, by heading.
+        groups: data sets with a separate column, by its name.
+    """
+    from pandas import DataFrame, Index  # slow, and a single task needs no frame
+
+    rows = scores.rows
+    by_model = scores.frame.groupby("model")
+    table = DataFrame(index=Index(scores.models, name="model"))
+    table["mark"] = [scores.mark(name) for name in table.index]
+    table["median"], table["n tasks"] = by_model["error"].median(), by_model.size()
+    ratios = by_model["error ratio"]
+    table["smallest"], table["largest"] = ratios.min(), ratios.max()
+    logs = robot_logs(rows, "error ratio", partial=True)
+    table["ratio"] = logs.apply(_mean).map(math.exp)
+    table["complete"] = table["n tasks"] == len(scores.tasks)
+    tasks = rows["task"].unique()
+    fits = {
+        name: [fit for task in tasks for fit in task.results.get(name, ())] for name in table.index
+    }
+    times = [[fit.cost.fit_s for fit in of_model if fit.cost] for of_model in fits.values()]
+    table["fit_s"] = [float(np.median(of_model)) if of_model else math.nan for of_model in times]
+    if scores.claim is not None:
+        table = _with_robots(table, scores, logs, few or {}, groups or {})
+    order = table["ratio"].fillna(scores.key.sign * table["median"])
+    table = table.assign(order=order, incomplete=~table["complete"]).reset_index()
+    return table.sort_values(["incomplete", "order", "model"]).drop(columns=["order", "incomplete"])
+
+
+def _with_robots(
+    table: DataFrame,
+    scores: Scores,
+    partial_logs: DataFrame,
+    few: Mapping[str, Scores],
+    groups: Mapping[str, Collection[str]],
+) -> DataFrame:
+    """Add the columns over robots."""
+    from pandas import Series  # slow, and a single task needs no frame
+
+    rows = scores.rows
+    for name, column in partial_logs.items():
+        if column.count() >= 2:
+            mean = mean_ratio(column.dropna())
+            table.loc[name, ["low", "high"]] = mean.low, mean.high
+    logs = complete_logs(scores)
+    table["complete"] |= table.index.isin(logs.columns)
+    if logs.empty:
+        return table
+    best = logs.mean().idxmin()
+    table["n robots"] = len(logs)
+    table["won"] = logs.idxmin(axis="columns").value_counts().reindex(logs.columns).fillna(0)
+    table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
+    left_out = logs.apply(without_one)
+    table["without low"], table["without high"] = left_out.min(), left_out.max()
+    table["p"] = _p_values(logs, REFERENCE_MODEL)
+    table["p best"] = _p_values(logs, best)
+    table["like best"] = Series(
+        {m: equivalence_p_value(logs[m] - logs[best]) < LEVEL for m in logs if m != best}
+    )
+    better = np.where(table["ratio"] < 1.0, "better", "worse")
+    table["verdict"] = np.where(table["p"] < LEVEL, better, "open")
+    further: dict[Any, DataFrame] = {
+        name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
+    }
+    for heading, of_few in few.items():
+        further["few", heading] = robot_logs(of_few.rows, "error ratio")
+    for group, datasets in groups.items():
+        of_group = rows[rows["dataset"].isin(datasets)]
+        further["group", group] = robot_logs(of_group, "error ratio")
+    for key, of_robots in further.items():
+        table[key] = of_robots.mean(skipna=False).map(math.exp)
+    for dataset, tasks in scores.measured.items() if scores.claim != "measured" else ():
+        of_data = scores.frame[scores.frame["task"].isin(tasks)]
+        complete = of_data.groupby("model").size() == len(tasks)
+        values = robot_logs(of_data, "error ratio").mean().map(math.exp)
+        table["measured", dataset] = values.where(complete)
+        verdicts = {name: {task.verdict(name) for task in tasks} for name in table.index}
+        table["measured verdict", dataset] = Series(
+            {name: of.pop() if len(of) == 1 else "open" for name, of in verdicts.items()}
+        )
+    return table
+
+
+def _p_values(logs: DataFrame, rival: object) -> Series[float]:
+    """Return sign-flip p-values against a model, corrected (Holm) for all models."""
+    from pandas import Series  # slow, and a single task needs no frame
+
+    differences = {str(name): logs[name] - logs[rival] for name in logs if name != rival}
+    return Series(corrected_p_values(differences), dtype=float)
+
+
+def complete_logs(scores: Scores) -> DataFrame:
+    """Return (robots, models) logarithms of error / VJM's error, of models with every score."""
+    return robot_logs(scores.rows, "error ratio").dropna(axis="columns")
+
+
+def control_rows(scores: Scores, pairs: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return learned models against their physics model or teacher.
+
+    Keys: `model`, `control`, `ratio`, `low`, `high`, `p` (corrected for all pairs), `equal` (within
+    5 %). Pairs without every score are left out.
+    """
+    logs = complete_logs(scores)
+    differences = {a: logs[a] - logs[b] for a, b in pairs.items() if a in logs and b in logs}
+    p_values = corrected_p_values(differences)
+    return [
+        {
+            **{"model": name, "control": pairs[name], "p": p_values[name]},
+            **{"equal": equivalence_p_value(values) < LEVEL, **asdict(mean_ratio(values))},
+        }
+        for name, values in differences.items()
+    ]

@@ -22,11 +22,10 @@ from stiff_bench.results.columns import (
     error_matrix,
     number,
 )
-from stiff_bench.results.leaderboard import Leaderboard, complete_logs
 from stiff_bench.results.scored_task import ScoredTask
-from stiff_bench.results.scores import FEWEST_ROBOTS, Scores
-from stiff_bench.store.names import grouped, labels
-from stiff_bench.tables.units import MM, counted, first_few, percent
+from stiff_bench.results.scores import FEWEST_ROBOTS, Scores, complete_logs
+from stiff_bench.store.names import grouped
+from stiff_bench.tables.units import MM, counted, first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.over_robots import MARGIN
 from stiff_protocols.scoring.paired import LEVEL, ROPE_M
@@ -128,10 +127,10 @@ def _models_ahead(scores: Scores, model: str) -> Iterator[str]:
 
 def _lead_data(scores: Scores, lead: Row, rows: Sequence[Row]) -> str:
     """Return the number of measured robots, and the scores on them."""
-    kinds = [tasks[0].kind for tasks in scores.robots.values()]
-    n_measured = kinds.count("measured")
+    robots = scores.frame.drop_duplicates("robot")
+    n_measured = int((robots["kind"] == "measured").sum())
     verb = "is" if n_measured == 1 else "are"
-    text = f"{n_measured} of {counted(len(kinds), 'robot')} {verb} measured"
+    text = f"{n_measured} of {counted(len(robots), 'robot')} {verb} measured"
     for dataset, tasks in scores.measured.items():
         key = "measured", dataset
         if (ratio := number(lead, key)) is None:
@@ -223,7 +222,7 @@ def _data_text(scores: Scores) -> str:
 
 def few_robots_text(scores: Scores) -> str:
     """Return why nothing is claimed about other robots."""
-    n_robots = counted(len(scores.robots), "robot")
+    n_robots = counted(scores.frame["robot"].nunique(), "robot")
     few = f"a board needs at least {FEWEST_ROBOTS} of one kind, simulated or measured"
     return f"{n_robots}: too few for a claim about other robots; {few}."
 
@@ -295,35 +294,9 @@ def dataset_notes(scores: Scores) -> Iterator[str]:
         return
     correction = correction_text(scores.tasks)
     yield f"{BEST} best mean; {LIKE_BEST} no significant difference from it, {correction}."
-    yield (
-        f"difference: {percent(1.0 - LEVEL)} intervals; over poses the fitted models are held "
-        "fixed."
-    )
+    yield f"difference: {INTERVAL}s; over poses the fitted models are held fixed."
     fewest = min(len(task.splits) for task in scores.tasks)
     if 1 < fewest < FEW_SPLITS and not scores.tasks[0].task.presentation.pooled:
         yield (
             f"{fewest} splits show only very large differences; --splits {FEW_SPLITS} shows more."
         )
-
-
-def board_notes(board: Leaderboard, *, has_datasets: bool) -> Iterator[str]:
-    """Yield notes on all tables of a leaderboard, most important first.
-
-    `has_datasets` is True if it has a table per data set.
-    """
-    scores = board.scores
-    warnings = (task.task.presentation.warning for task in scores.tasks)
-    yield from filter(None, dict.fromkeys(warnings))
-    if has_datasets and scores.claim is None and not scores.key.is_cost:
-        yield few_robots_text(scores)
-    if scores.missing and has_datasets:
-        parts = [
-            f"{len(reasons)} of {len(scores.tasks)} results of {model} ({reasons[0]})"
-            for model, reasons in scores.missing.items()
-        ]
-        yield f"Scores are missing: {first_few(parts)}; `--format json` lists them."
-    task_labels = labels(task.name for task in scores.tasks)
-    cut = [task for task in scores.tasks if task.left_out]
-    for text, tasks in grouped(cut, lambda task: task.left_out).items():
-        yield f"{first_few([task_labels[task.name] for task in tasks])}: {text}."
-    yield from board.notes

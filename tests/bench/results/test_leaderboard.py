@@ -9,11 +9,11 @@ import pytest
 
 from helpers.figure_results import with_fields
 from helpers.made_results import TWINS, MadeResults, forget
-from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, model_frame
-from stiff_bench.results.leaderboard_tables import leaderboard_tables
+from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import TRAINING_MARK
 from stiff_bench.results.scored_task import sort_key
+from stiff_bench.results.scores import model_frame
 from stiff_bench.results.selection import Selection
 from stiff_bench.tables.writers import render
 from stiff_protocols.contract.errors import ConfigError, StoreError

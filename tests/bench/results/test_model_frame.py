@@ -10,7 +10,7 @@ from scipy import stats
 from helpers.figure_results import with_fields
 from helpers.made_results import FAIR, GOOD, MadeResults
 from stiff_bench.results.columns import board_tables
-from stiff_bench.results.leaderboard import control_rows, model_frame
+from stiff_bench.results.scores import control_rows, model_frame
 from stiff_bench.results.summary import split_notes, summarize
 from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.scoring.paired import holm

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from helpers.made_results import GOOD, VJM_MM, MadeResults
-from stiff_bench.results.leaderboard import model_frame
+from stiff_bench.results.scores import model_frame
 from stiff_bench.results.summary import Summary, summarize, task_headline
 
 
