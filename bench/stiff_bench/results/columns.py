@@ -1,14 +1,14 @@
 """Columns about models, and their tables.
 
 A column has a heading, a unit, a format and the value of a row. Rows are those of
-`leaderboard.model_frame` and of the functions below. To add a column, add it here and to the list
+`scores.model_frame` and of the functions below. To add a column, add it here and to the list
 of its table; docs/definitions.md explains columns and marks.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter, methodcaller
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Row = Mapping[Any, Any]
-Value = Callable[[Any], Entry]
 DECIMALS = {"mm": 4, "%": 1, "": 3, "ms": 3, "MiB": 1, "1/s": 0}
 """Decimals by unit; mm as in the source paper's Table 10."""
 SCREEN_FORMAT = ".3f"
@@ -75,12 +74,14 @@ def _number_column(name: str, key: Any, spec: str = RATIO_FORMAT) -> Column:
     return Column(name, format=spec, value=lambda row: number(row, key))
 
 
-def _ratio_column(name: str, key: Any) -> Column:
+def _ratio_column(name: str, key: Any, verdict: Any = None) -> Column:
     """Return a column of ratios to the VJM's error, in colours on a page; noise has none."""
 
     def value(row: Row) -> Entry:
-        ratio = number(row, key)
-        return None if ratio is None else Quantity(ratio, ratio=None if key == "noise" else ratio)
+        if (ratio := number(row, key)) is None:
+            return None
+        status = VERDICT_TEXTS.get(row.get(verdict), "")
+        return Quantity(ratio, status=status, ratio=None if key == "noise" else ratio)
 
     return Column(name, format=RATIO_FORMAT, value=value)
 
@@ -93,14 +94,10 @@ def _interval_column(name: str = INTERVAL, low: str = "low", high: str = "high")
 
 
 MODEL = Column("model", "text", value=lambda row: Name(row["model"], row["mark"]))
-MODEL_KEY = Column("model", "text", value=lambda row: row["model"])
+MODEL_KEY = Column("model", "text")
 RATIO = _number_column("error / VJM's", "ratio")
 RATIO_INTERVAL = replace(_interval_column(), is_chart=True)
-VERDICT = Column(
-    "verdict",
-    "text",
-    value=lambda row: "baseline" if row["model"] == REFERENCE_MODEL else row["verdict"],
-)
+VERDICT = Column("verdict", "text")
 WON = Column(
     "won",
     value=lambda row: (
@@ -112,9 +109,9 @@ WORST = Column(
     format=RATIO_FORMAT,
     marks_shown=False,
     value=lambda row: (
-        Quantity(row["worst"], mark=str(row["worst robot"]))
-        if row["complete"] and row["model"] != REFERENCE_MODEL
-        else None
+        None
+        if (worst := number(row, "worst")) is None
+        else Quantity(worst, mark=str(row["worst robot"]))
     ),
 )
 FIT = Column(
@@ -131,17 +128,6 @@ LIKE_BEST_TEXT = Column(
     value=lambda row: {True: "yes", False: "no"}.get(row["like best"]),
 )
 WITHOUT_ONE = _interval_column("without any one robot", "without low", "without high")
-
-
-def measured_column(dataset: str) -> Column:
-    """Return the column of a measured data set: error over the VJM's, and the verdict."""
-
-    def value(row: Row) -> Entry:
-        ratio = number(row, ("measured", dataset))
-        verdict = VERDICT_TEXTS.get(row["measured verdict", dataset], "")
-        return None if ratio is None else Quantity(ratio, status=verdict, ratio=ratio)
-
-    return Column(f"{dataset} (measured)", format=RATIO_FORMAT, value=value)
 
 
 def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
@@ -223,8 +209,10 @@ def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[st
     """
     rows = table.to_dict("records")
     if "won" in table:
-        measured = map(measured_column, _names(table, "measured"))
-        columns = [RATIO_INTERVAL, VERDICT, WON, WORST, *measured]
+        columns = [RATIO_INTERVAL, VERDICT, WON, WORST]
+        for name in _names(table, "measured"):
+            keys = ("measured", name), ("measured verdict", name)
+            columns.append(_ratio_column(f"{name} (measured)", *keys))
     else:
         span = f"range over {counted(len(scores.tasks), 'comparison')}"
         chart = replace(_interval_column(span, "smallest", "largest"), is_chart=True)
@@ -261,12 +249,8 @@ def _control_table(pairs: Sequence[Row]) -> Table:
     return Table.of(
         "Models against their physics model or teacher",
         [
-            *(MODEL_KEY, Column("against", "text", value=lambda row: row["control"])),
-            *(
-                _number_column("error ratio", "ratio"),
-                RATIO_INTERVAL,
-                _number_column("p", "p", ".2g"),
-            ),
+            *(MODEL_KEY, Column("against", "text", value=itemgetter("control"))),
+            *(_number_column("error ratio", "ratio"), RATIO_INTERVAL, Column("p", format=".2g")),
             Column("equal", "text", value=lambda row: "yes" if row["equal"] else "no"),
         ],
         pairs,
@@ -393,20 +377,13 @@ def _mean_column(name: str, metric: str, axis: str = "") -> Column:
 
 
 def dataset_table(scores: Scores, notes: Sequence[str]) -> Table:
-    """Return the models on a data set, best first, with intervals.
-
-    Args:
-        scores: scores in tasks that differ at most in their seed.
-        notes: notes below the table.
-    """
+    """Return the models in tasks that differ at most in their seed, best first, with intervals."""
     key, first = scores.key, scores.tasks[0]
     rows = [row for task in scores.tasks for row in _dataset_rows(scores, task)]
+    number: dict[str, Any] = {"unit": key.unit, "format": number_format(key.metric)}
+    about = {"metric": key.metric.key, "axis": key.axis}
     intervals = [
-        Column(
-            f"over {name}",
-            *("number", key.unit, number_format(key.metric), "difference from the VJM"),
-            value=itemgetter(name),
-        )
+        Column(f"over {name}", group="difference from the VJM", value=itemgetter(name), **number)
         for name in ("splits", "poses")
         if any(row[name] is not None for row in rows)
     ]
@@ -414,13 +391,7 @@ def dataset_table(scores: Scores, notes: Sequence[str]) -> Table:
         f"{first.name.text} ({first.kind}), {counted(len(first.splits), 'split')}",
         [
             *(MODEL, *(texts("seed") if len(scores.tasks) > 1 else [])),
-            Column(
-                key.text,
-                unit=key.unit,
-                format=number_format(key.metric),
-                about={"metric": key.metric.key, "axis": key.axis},
-                value=itemgetter("score"),
-            ),
+            Column(key.text, value=itemgetter("score"), about=about, **number),
             *(CHANGE, *intervals, *texts("verdict")),
         ],
         rows,

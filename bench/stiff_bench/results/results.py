@@ -29,7 +29,6 @@ from stiff_bench.results.scores import Scores, model_frame
 from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
 from stiff_bench.results.summary import summarize, task_headline, task_title
-from stiff_bench.store.database import read_results
 from stiff_bench.tables.units import MM, PRINTED, first_few
 from stiff_bench.tables.writers import Tables
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
@@ -118,12 +117,9 @@ class Results:
     @property
     def every(self) -> tuple[CellResult, ...]:
         """Return all selected results, also older ones that newer results replace."""
-        every = self.finished.results if self.finished else read_results(self.folder)
-        return self._selected(every)
+        return self._selected(self.stored.every)
 
     def _selected(self, results: Sequence[CellResult]) -> tuple[CellResult, ...]:
-        if self.selection == EVERYTHING:
-            return tuple(results)
         tasks = self.selection.tasks_of(self.stored.tasks)
         names = self.selection.models_of(tasks)
         keys = {
@@ -235,49 +231,36 @@ class Results:
         tasks = self.selection.tasks_of(self.stored.tasks)
         return Scores.of(self.stored, key, tasks, self.selection.models_of(tasks), seed=seed)
 
-    def summary(self) -> Tables:
+    def summary(self, *, verbose: bool = False) -> Tables:
         """Return the result as a headline and tables with notes.
 
         For one task there is a table of the models' errors. For several there is a table of the
-        models against the VJM, and a table of their errors per task. Errors are those of `scores`.
+        models against the VJM, and a table of their errors per task. If no model has a score, there
+        are the tables of metrics. `verbose` adds a table per task and all notes.
+
+        Raises:
+            StoreError: the folder has no results, or corrupt ones.
         """
-        scores = self.scores()
+        try:
+            scores = self.scores()
+        except ConfigError:
+            return self.table(verbose=verbose)
         tasks = [task.task for task in scores.tasks]
         done = [[*model.done.values()] for task in tasks for model in task.models.values()]
         outcomes = [note for results in done if results for note in outcome_notes(results)]
         notes = [*failure_lines(self.fits), *outcomes, *caveats_of(tasks)]
+        task_tables = [task_table(task, task_title(task)) for task in scores.tasks]
         if len(tasks) == 1:
-            (task,) = scores.tasks
-            table = task_table(task, task_title(task))
-            sizes = size_notes(next(iter(task.results.values())))
-            table = replace(table, notes=[*sizes, *notes], brief=True)
+            (task,), (table,) = scores.tasks, task_tables
+            notes = [*size_notes(next(iter(task.results.values()))), *notes]
+            table = replace(table, notes=notes, brief=not verbose)
             return Tables([table], self.command, task_headline(task))
         models = model_frame(scores)
         summary, matrix = summarize(scores, models), matrix_table(scores, [*models["model"]])
         title = f"{scores.key.text} against the VJM's on {first_few(matrix.headings()[1:])}"
         table = model_table(scores, models, title, [*summary.lines, *notes])
-        return Tables([table, matrix], self.command, summary.headline)
-
-    def view(self) -> Tables | None:
-        """Return the summary; None: no model has a score."""
-        try:
-            return self.summary()
-        except ConfigError:
-            return None
-
-    def screen(self, *, verbose: bool = False) -> Tables:
-        """Return the tables for a terminal: of one task its models, of several their errors.
-
-        They are the tables of metrics if no model has a score. `verbose` adds a table per task and
-        all notes.
-        """
-        if (view := self.view()) is None:
-            return self.table(verbose=verbose)
-        first, last = view.tables[0], view.tables[-1]
-        tables = [replace(last, notes=first.notes, brief=not verbose)]
-        if verbose and last is not first:
-            tables += [task_table(task, task_title(task)) for task in self.scores().tasks]
-        return replace(view, tables=tables)
+        tables = [replace(table, brief=not verbose), matrix, *(task_tables if verbose else [])]
+        return Tables(tables, self.command, summary.headline)
 
     def leaderboard(
         self, metric: str = "norm", axis: AxisName | None = None, *, seed: Seed = 0
@@ -314,11 +297,11 @@ class Results:
 
     def __repr__(self) -> str:
         """Return the result for a screen, with its first table."""
-        view = self.view() or self.table()
-        return repr(replace(view, tables=view.tables[:1]))
+        summary = self.summary()
+        return repr(replace(summary, tables=summary.tables[:1]))
 
     def _repr_html_(self) -> str:
-        return (self.view() or self.table())._repr_html_()
+        return self.summary()._repr_html_()
 
 
 def open_results(folder: Path | str) -> Results:

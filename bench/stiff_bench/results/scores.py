@@ -281,6 +281,7 @@ def _with_robots(
     table["n robots"] = len(logs)
     table["won"] = logs.idxmin(axis="columns").value_counts().reindex(logs.columns).fillna(0)
     table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
+    table.loc[REFERENCE_MODEL, "worst"] = math.nan
     left_out = logs.apply(without_one)
     table["without low"], table["without high"] = left_out.min(), left_out.max()
     table["p"] = _p_values(logs, REFERENCE_MODEL)
@@ -290,6 +291,7 @@ def _with_robots(
     )
     better = np.where(table["ratio"] < 1.0, "better", "worse")
     table["verdict"] = np.where(table["p"] < LEVEL, better, "open")
+    table.loc[REFERENCE_MODEL, "verdict"] = "baseline"
     further: dict[Any, DataFrame] = {
         name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
     }

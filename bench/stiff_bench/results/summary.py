@@ -39,8 +39,6 @@ DISAGREEMENTS = {
     "splits": "The splits agree on it, but a few poses could turn it: measure more poses.",
     "poses": "The poses agree on it, but it changes from split to split: use more --splits.",
 }
-KINDS = {"unknown": "of unknown origin", "user's file": "of unknown origin"}
-"""Kinds of data in sentences."""
 
 
 @dataclass(frozen=True)
@@ -154,12 +152,12 @@ def split_notes(scores: Scores, table: DataFrame) -> list[str]:
     rows, complete = scores.rows, {*table[table["complete"]]["model"]}
     counts, n_all = rows["model"].value_counts(), rows["task"].nunique()
     fewer = [name for name in scores.models if 0 < counts.get(name, 0) < n_all]
-    kinds = {True: "With fewer splits", False: "Not on the board, without every score"}
-    texts: dict[bool, list[str]] = {True: [], False: []}
-    by_count = grouped(fewer, lambda name: (name in complete, counts[name]))
-    for (is_shown, count), names in by_count.items():
-        texts[is_shown].append(f"{first_few(names)} ({count} of {n_all})")
-    return [f"{kinds[is_shown]}: {'; '.join(of)}." for is_shown, of in texts.items() if of]
+    by_count = grouped(fewer, lambda name: (name not in complete, counts[name]))
+    kinds = ("With fewer splits", "Not on the board, without every score")
+    return [
+        f"{kinds[is_missing]}: {first_few(names)} ({count} of {n_all})."
+        for (is_missing, count), names in sorted(by_count.items())
+    ]
 
 
 # with few robots: per data set
@@ -180,24 +178,16 @@ def _per_dataset(scores: Scores, rivals: Sequence[Row], models: Sequence[str]) -
     headline = f"No model is reliably better than the VJM {data}"
     if winners:
         won = f"better in {of_best['a']} of {counted(of_best.total(), 'comparison')}"
-        headline = f"Use {name} {data}: {change_text(best['ratio'])} error than the VJM, {won}"
-    sentences = [("Data", _data_text(scores))]
+        less = 100.0 * (1.0 - best["ratio"])
+        headline = f"Use {name} {data}: {less:.0f} % less error than the VJM, {won}"
+    sentences = []
     if not of_best:
         no_test = "no test applies: there is one split, and poses cannot be resampled."
-        sentences.insert(0, ("How sure", no_test))
+        sentences.append(("How sure", no_test))
     if better := [*_better_models(scores, models, name)]:
         but = f"Another model is significantly better: {first_few(better, 2)}."
-        sentences.insert(0, ("But", but))
-    return Summary(headline, sentences)
-
-
-def change_text(ratio: float) -> str:
-    """Return a ratio to the VJM's error as a change.
-
-    >>> change_text(0.512), change_text(1.06)
-    ('49 % less', '6 % more')
-    """
-    return f"{abs(1.0 - ratio) * 100.0:.0f} % {'less' if ratio <= 1.0 else 'more'}"
+        sentences.append(("But", but))
+    return Summary(headline, [*sentences, ("Data", _data_text(scores))])
 
 
 def _better_models(scores: Scores, models: Sequence[str], model: str) -> Iterator[str]:
@@ -211,7 +201,7 @@ def _better_models(scores: Scores, models: Sequence[str], model: str) -> Iterato
 
 def _data_text(scores: Scores) -> str:
     """Return a text on the kinds of the data and on the scope of the claim."""
-    kinds = Counter(KINDS.get(of[0].kind, of[0].kind) for of in scores.datasets.values())
+    kinds = Counter(tasks[0].kind for tasks in scores.datasets.values())
     text = f"{counted(kinds.total(), 'data set')}: "
     text += ", ".join(f"{n} {kind}" for kind, n in kinds.items())
     if tasks := [*chain.from_iterable(scores.measured.values())]:

@@ -87,8 +87,8 @@ def test_the_gain_in_one_task_is_that_of_the_numbers_with_their_wider_interval(m
     assert f"0.100 mm less error (95 % interval {interval})" in task_headline(task)
 
 
-@pytest.mark.parametrize(("kind", "text"), [("simulated", "simulated"), ("unknown", "of unknown")])
-def test_data_of_unknown_origin_are_never_called_simulated(made, kind, text):
+@pytest.mark.parametrize("kind", ["simulated", "unknown"])
+def test_data_of_unknown_origin_are_never_called_simulated(made, kind):
     for number in range(2):
         made.add_robot(number, {"net": 0.5}, kind=kind)
-    assert sentence_of(made, "Data").startswith(f"2 data sets: 2 {text}")
+    assert sentence_of(made, "Data").startswith(f"2 data sets: 2 {kind}.")

@@ -123,9 +123,7 @@ def test_several_data_sets_are_one_matrix_and_verbose_adds_their_tables(made):
         dataset = f"data-set-{number}"
         made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]}, dataset)
     results = open_results(made.folder)
-    brief, verbose = (
-        results.screen(verbose=is_verbose).text_as(SCREEN) for is_verbose in (False, True)
-    )
+    brief, verbose = (results.summary(verbose=on).text_as(SCREEN) for on in (False, True))
     *_, matrix = results.summary().tables
     assert len(matrix.columns) - 1 == len(TWINS) and "±" not in brief
     assert verbose.count("± sd") == len(TWINS)
