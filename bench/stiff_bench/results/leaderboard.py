@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from stiff_bench.results.columns import board_tables, dataset_table
@@ -170,10 +171,10 @@ def plan_tables(
     scores: Scores,
     plan: tuple[str, str],
     table: DataFrame,
-    controls: Mapping[str, str] | None = None,
+    controls: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Table]:
     """Return the tables over robots, the first with headline and sentences; [] for few robots."""
-    tables = board_tables(scores, table, controls or {}, split_notes(scores, table))
+    tables = board_tables(scores, table, controls, split_notes(scores, table))
     if not tables:
         return []
     summary = summarize(scores, table)

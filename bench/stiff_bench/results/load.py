@@ -114,9 +114,7 @@ class Task(BriefFields):
     def results(self, model: str, splits: Sequence[SplitId] | None = None) -> list[CellResult]:
         """Return a model's results on these splits (default: all its splits), in order."""
         done = self.models[model].done
-        if splits is None:
-            return list(done.values())
-        return [done[split] for split in splits if split in done]
+        return [done[split] for split in (done if splits is None else splits) if split in done]
 
     def complete_results(self, model: str) -> list[CellResult]:
         """Return a model's results, or none unless every split has a result."""

@@ -92,11 +92,7 @@ class Results:
 
     @cached_property
     def stored(self) -> StoredResults:
-        """Return the results by task: of the finished run, or of the folder.
-
-        Raises:
-            StoreError: the folder has no results, or corrupt ones.
-        """
+        """Return the results by task: of the finished run, or of the folder."""
         if self.finished is not None:
             return StoredResults.of_results(self.folder, self.finished.results)
         return StoredResults.read(self.folder)

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -121,11 +120,8 @@ def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
     """
     chosen_metric = metric(key)
     if chosen_metric.needs_interval:
-        reason = "narrower intervals are better only at equal coverage"
-        if chosen_metric.direction == "nominal":
-            reason = "its best value is the nominal one"
         valid = ", ".join(m.key for m in METRICS.values() if not m.needs_interval)
-        raise ConfigError(f"{key}: {reason}, so it does not rank models (valid: {valid})", "metric")
+        raise ConfigError(f"{key} does not rank models (valid: {valid})", "metric")
     if axis is not None and axis not in chosen_metric.axes:
         with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
         need = f"use {', '.join(AXES)} of a metric with axes ({with_axes})"
@@ -380,10 +376,8 @@ def score_task(
     present = [model for model in models if model not in missing]
     splits = tuple(task.shared_splits(present)) if present else ()
     if present and not splits:
-        pairs = combinations(present, 2)
-        apart = next((pair for pair in pairs if not task.shared_splits(pair)), present)
         raise StoreError(
-            f"{task.name.text}: {' and '.join(apart)} were run on different splits and share "
+            f"{task.name.text}: {' and '.join(present)} were run on different splits and share "
             "none, so they cannot be compared; leave one of them out or run it again"
         )
     for model in present:

@@ -67,12 +67,8 @@ class Scores(BriefFields):
         Results that select on the test part or report training errors count only without
         other results, and tasks only if a model has a score.
 
-        Args:
-            stored: results with their samples.
-            key: metric to score by.
-            tasks: tasks to score, if they are on a data set's newest data.
-            models: exact names of models to score, in addition to the VJM; None: all.
-            seed: seed of the draws of poses.
+        Only tasks on a data set's newest data count. `models` has exact names to score, in
+        addition to the VJM; None: all. `seed` is for the draws of poses.
 
         Raises:
             ConfigError: no model has a score.
