@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter, methodcaller
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.results.fit_values import mean_over, metric_values
@@ -280,7 +281,8 @@ def matrix_table(scores: Scores, models: Sequence[str]) -> Table:
     key, errors = scores.key, error_matrix(scores, models)
     best = (key.sign * errors).fillna(math.inf).idxmin()
     has_ratios = REFERENCE_MODEL in errors.index and key.sign > 0.0
-    vjm = errors.loc[REFERENCE_MODEL] if has_ratios else {}
+    vjm: Any = errors.loc[REFERENCE_MODEL] if has_ratios else {}
+    of_models: dict[Any, Any] = errors.to_dict("index")
 
     def cell(error: float, heading: Any, model: str = "") -> Entry:
         if math.isnan(error):
@@ -300,10 +302,10 @@ def matrix_table(scores: Scores, models: Sequence[str]) -> Table:
     ]
     rows: list[list[Entry]] = [
         [Name(model, scores.mark(model)), *(cell(row[of], of, model) for of in scores.columns)]
-        for model, row in errors.to_dict("index").items()
+        for model, row in of_models.items()
     ]
-    noise = scores.frame.drop_duplicates("task").set_index("task")["noise"]
-    floors = {of: float(noise[tasks].to_numpy().mean()) for of, tasks in scores.columns.items()}
+    noise = dict(zip(scores.frame["task"], scores.frame["noise"], strict=True))
+    floors = {of: fmean(noise[task] for task in tasks) for of, tasks in scores.columns.items()}
     if not all(map(math.isnan, floors.values())):
         rows.append([NOISE_FLOOR, *(cell(floor, of) for of, floor in floors.items())])
     title = f"{key.text}, mean over splits; {BEST_MARK}: best of the column"

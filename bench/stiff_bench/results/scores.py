@@ -153,7 +153,7 @@ class Scores(BriefFields):
         Measured and simulated robots are never averaged. None: fewer than `FEWEST_ROBOTS` of each
         kind.
         """
-        n_robots = self.frame.groupby("kind", sort=False)["robot"].nunique().to_dict()
+        n_robots: dict[Any, int] = self.frame.groupby("kind")["robot"].nunique().to_dict()
         kinds = dict.fromkeys(["measured", "simulated", *n_robots])
         return next((kind for kind in kinds if n_robots.get(kind, 0) >= FEWEST_ROBOTS), None)
 

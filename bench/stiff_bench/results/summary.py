@@ -51,7 +51,7 @@ class Summary:
     """
 
     headline: str
-    sentences: Sequence[tuple[str, str]] = ()
+    sentences: list[tuple[str, str]]
 
     @property
     def lines(self) -> list[str]:
