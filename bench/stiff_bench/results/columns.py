@@ -169,8 +169,8 @@ def board_tables(
     """
     if "won" not in table:
         return []
-    shown = table[table["complete"]].sort_values("ratio", kind="stable")
-    rows = shown.to_dict("records")
+    complete = table[table["complete"]].sort_values("ratio", kind="stable")
+    rows = complete.to_dict("records")
     notes = [
         f"{INTERVAL} over robots (Student's t of the logarithms); one vote per robot.",
         "verdict against the VJM: significant over robots (sign flips, Holm), or open; won: "
@@ -179,7 +179,7 @@ def board_tables(
         *notes,
     ]
     title = f"Error over the VJM's, geometric mean over {scores.scope}"
-    ratios = model_table(scores, shown, title, notes)
+    ratios = model_table(scores, complete, title, notes)
     certainty = Table.of(
         f"How sure, over {scores.scope}",
         [MODEL_KEY, P_REFERENCE, P_BEST, LIKE_BEST_TEXT, WITHOUT_ONE],

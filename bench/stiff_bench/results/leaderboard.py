@@ -110,7 +110,7 @@ def build_leaderboard(
     notes = [
         *same_name_other_data(tasks, stored.data_of, outcome),
         *left_out_notes(tasks),
-        *(f"Left out ({why}): {_places(of_reason)}." for why, of_reason in by_reason.items()),
+        *(f"Left out ({text}): {_places(of_text)}." for text, of_text in by_reason.items()),
     ]
     if not comparable:
         reasons = "".join(f"; {note.removesuffix('.')}" for note in notes)

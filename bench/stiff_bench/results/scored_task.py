@@ -104,7 +104,7 @@ class SortKey:
         return np.asarray(np.mean(of_axes, axis=0))
 
     def of_rows(self, prediction: Prediction) -> FloatArray | None:
-        """Return the (n,) errors, m, whose mean is the value; None: it is no mean over rows."""
+        """Return the (n,) errors, m, whose mean is the value; None: not a mean over rows."""
         if self.metric.key not in _ROW_ERRORS:
             return None
         errors = _ROW_ERRORS[self.metric.key](prediction)

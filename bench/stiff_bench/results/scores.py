@@ -13,6 +13,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import chain
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -185,11 +186,8 @@ def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFra
     """Return (robots, models) mean logarithms of a ratio, with one vote per plan of a robot.
 
     A model needs only one split of a data set: its error is divided by the VJM's on that split.
-
-    Args:
-        rows: rows of `Scores.frame`.
-        value: column of the ratio.
-        partial: True to average the plans that a model has; else its mean is then NaN.
+    `rows` are of `Scores.frame`, `value` is the ratio's column. With `partial` the plans that a
+    model has are averaged; else its mean is NaN if one is missing.
     """
     logs = rows.assign(log=np.log(rows[value].where(rows[value] > 0.0)))
     votes = logs.groupby([*PLAN, "model"], sort=False)["log"]
@@ -210,8 +208,8 @@ def _mean(values: Any) -> float:
 
 def model_frame(
     scores: Scores,
-    few: Mapping[str, Scores] | None = None,
-    groups: Mapping[str, Collection[str]] | None = None,
+    few: Mapping[str, Scores] = MappingProxyType({}),
+    groups: Mapping[str, Collection[str]] = MappingProxyType({}),
 ) -> DataFrame:
     """Return a row per model, best first; models with missing scores come last.
 
@@ -222,12 +220,8 @@ def model_frame(
     smallest ratio), `n robots`, `worst`, `worst robot`, `p best`, `like best` (within 5 %),
     `without low` and `without high` (range without any one robot), `p95`, `noise` and `path`. Keys
     (`few`, heading), (`group`, name), (`measured`, data set) and (`measured verdict`, data set)
-    hold further ratios.
-
-    Args:
-        scores: scores on the robots.
-        few: scores with fewer poses on the same robots, by heading.
-        groups: data sets with a separate column, by its name.
+    hold further ratios. `few` has scores with fewer poses on the same robots, by heading; `groups`
+    has data sets with a separate column, by its name.
     """
     from pandas import DataFrame, Index  # slow, and a single task needs no frame
 
@@ -248,7 +242,7 @@ def model_frame(
     times = [[fit.cost.fit_s for fit in of_model if fit.cost] for of_model in fits.values()]
     table["fit_s"] = [float(np.median(of_model)) if of_model else math.nan for of_model in times]
     if scores.claim is not None:
-        table = _with_robots(table, scores, logs, few or {}, groups or {})
+        table = _with_robots(table, scores, logs, few, groups)
     order = table["ratio"].fillna(scores.key.sign * table["median"])
     table = table.assign(order=order, incomplete=~table["complete"]).reset_index()
     return table.sort_values(["incomplete", "order", "model"]).drop(columns=["order", "incomplete"])

@@ -18,10 +18,10 @@ from stiff_protocols.scoring.paired import holm
 N_ROBOTS = len(GOOD)
 
 
-def frame_of(made: MadeResults, groups=None, few=None) -> DataFrame:
-    few_scores = {name: made.scores(protocol=word) for name, word in (few or {}).items()}
+def frame_of(made: MadeResults, groups=(), few=()) -> DataFrame:
+    few_scores = {name: made.scores(protocol=word) for name, word in dict(few).items()}
     scores = made.scores(protocol="holdout")
-    return model_frame(scores, few_scores, groups).set_index("model")
+    return model_frame(scores, few_scores, dict(groups)).set_index("model")
 
 
 def data_text(made: MadeResults) -> str:

@@ -195,12 +195,3 @@ def test_a_verdict_of_one_split_is_marked_as_of_these_fits(made, n_splits, is_li
     made.add_each(errors_mm, rows=range(N_POSES) if n_splits == 1 else None)
     sentence = task_headline(only_task(made))
     assert "is better than" in sentence and ("these fits" in sentence) == is_limited
-
-
-def test_a_model_that_is_better_is_named_although_another_has_a_smaller_unsure_mean(made):
-    errors_mm = {"vjm": VJM_MM, "steady": (0.1, 0.12, 0.09), "lucky": (0.01, 0.21, 0.05)}
-    made.add_each(errors_mm)
-    task = only_task(made)
-    assert task.mean("lucky") < task.mean("steady")
-    assert [task.verdict(name) for name in ("lucky", "steady")] == ["open", "a"]
-    assert task_headline(task).startswith("steady is better")
