@@ -202,8 +202,8 @@ def _better_models(scores: Scores, models: Sequence[str], model: str) -> Iterato
 def _data_text(scores: Scores) -> str:
     """Return a text on the kinds of the data and on the scope of the claim."""
     kinds = Counter(tasks[0].kind for tasks in scores.datasets.values())
-    text = f"{counted(kinds.total(), 'data set')}: "
-    text += ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+    text = ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+    text += " data set" if kinds.total() == 1 else " data sets"
     if tasks := [*chain.from_iterable(scores.measured.values())]:
         better = [name for name in scores.models if any(t.verdict(name) == "a" for t in tasks)]
         text += f"; better than the VJM on measured data: {first_few(better) or 'no model'}"

@@ -121,7 +121,8 @@ def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
     assert table.set_index("model")["complete"].to_dict() == {
         **{"good": True, "fair": True, "vjm": True, "some": False}
     }
-    assert table["model"].iloc[-1] == "some"  # also with the smallest ratio
+    some = table.iloc[-1]  # also with the smallest ratio
+    assert some["model"] == "some" and some["verdict"] is None
     board, *_ = board_tables(scores, table, {}, split_notes(scores, table))
     assert "some" not in {str(row[0]) for row in board.rows}
     assert any("Not on the board" in note and "some (2 of 8)" in note for note in board.notes)

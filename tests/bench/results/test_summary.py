@@ -91,4 +91,4 @@ def test_the_gain_in_one_task_is_that_of_the_numbers_with_their_wider_interval(m
 def test_data_of_unknown_origin_are_never_called_simulated(made, kind):
     for number in range(2):
         made.add_robot(number, {"net": 0.5}, kind=kind)
-    assert sentence_of(made, "Data").startswith(f"2 data sets: 2 {kind}.")
+    assert sentence_of(made, "Data").startswith(f"2 {kind} data sets.")
