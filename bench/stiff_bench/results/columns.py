@@ -98,7 +98,7 @@ MODEL = Column("model", "text", value=lambda row: Name(row["model"], row["mark"]
 MODEL_KEY = Column("model", "text")
 RATIO = _number_column("error / VJM's", "ratio")
 RATIO_INTERVAL = replace(_interval_column(), is_chart=True)
-VERDICT = Column("verdict", "text")
+VERDICT = Column("verdict", "text", value=lambda row: row["verdict"] if row["complete"] else None)
 WON = Column(
     "won",
     value=lambda row: (

@@ -280,8 +280,7 @@ def _with_robots(
         {m: equivalence_p_value(logs[m] - logs[best]) < LEVEL for m in logs if m != best}
     )
     better = np.where(table["ratio"] < 1.0, "better", "worse")
-    verdict = np.where(table["p"] < LEVEL, better, "open")
-    table["verdict"] = np.where(table["p"].notna(), verdict, None)
+    table["verdict"] = np.where(table["p"] < LEVEL, better, "open")
     table.loc[REFERENCE_MODEL, "verdict"] = "baseline"
     further: dict[Any, DataFrame] = {
         name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
