@@ -87,6 +87,18 @@ def _ratio_column(name: str, key: Any, verdict: Any = None) -> Column:
     return Column(name, format=RATIO_FORMAT, value=value)
 
 
+def _won(row: Row) -> Quantity | None:
+    """Return the number of robots with the smallest error; None without every score."""
+    won = number(row, "won")
+    return None if won is None else Quantity(share=(int(won), int(row["n robots"])))
+
+
+def _worst(row: Row) -> Quantity | None:
+    """Return the largest ratio of a robot, with its name; None for the VJM."""
+    worst = number(row, "worst")
+    return None if worst is None else Quantity(worst, mark=str(row["worst robot"]))
+
+
 def _interval_column(name: str = INTERVAL, low: str = "low", high: str = "high") -> Column:
     return Column(name, format=RATIO_FORMAT, value=lambda row: interval(row, low, high))
 
@@ -99,22 +111,8 @@ MODEL_KEY = Column("model", "text")
 RATIO = _number_column("error / VJM's", "ratio")
 RATIO_INTERVAL = replace(_interval_column(), is_chart=True)
 VERDICT = Column("verdict", "text", value=lambda row: row["verdict"] if row["complete"] else None)
-WON = Column(
-    "won",
-    value=lambda row: (
-        Quantity(share=(int(row["won"]), int(row["n robots"]))) if row["complete"] else None
-    ),
-)
-WORST = Column(
-    "worst robot",
-    format=RATIO_FORMAT,
-    marks_shown=False,
-    value=lambda row: (
-        None
-        if (worst := number(row, "worst")) is None
-        else Quantity(worst, mark=str(row["worst robot"]))
-    ),
-)
+WON = Column("won", value=_won)
+WORST = Column("worst robot", format=RATIO_FORMAT, marks_shown=False, value=_worst)
 FIT = Column(
     "fit", unit="s", format=lambda fit: duration(fit.value), value=lambda row: number(row, "fit_s")
 )
