@@ -104,13 +104,11 @@ class Scores(BriefFields):
     @property
     def missing(self) -> dict[str, list[str]]:
         """Return reasons for missing scores, one per task, of models that were run."""
-        run = {name for task in self.tasks for name in task.task.models}
-        names = dict.fromkeys(name for task in self.tasks for name in task.missing)
-        return {
+        reasons = {
             name: [task.missing[name] for task in self.tasks if name in task.missing]
-            for name in names
-            if name in run
+            for name in model_names(task.task for task in self.tasks)
         }
+        return {name: of_model for name, of_model in reasons.items() if of_model}
 
     @cached_property
     def frame(self) -> DataFrame:

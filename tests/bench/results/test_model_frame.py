@@ -121,8 +121,8 @@ def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
     assert table.set_index("model")["complete"].to_dict() == {
         **{"good": True, "fair": True, "vjm": True, "some": False}
     }
-    *_, some = model_table(scores, table, "models").texts()  # last, with the smallest ratio
-    assert (some[0], some[3]) == ("some", "-")
+    *_, last_row = model_table(scores, table, "models").texts()  # last, with the smallest ratio
+    assert (last_row[0], last_row[3]) == ("some", "-")
     board, *_ = board_tables(scores, table, {}, split_notes(scores, table))
     assert "some" not in {str(row[0]) for row in board.rows}
     assert any("Not on the board" in note and "some (2 of 8)" in note for note in board.notes)
