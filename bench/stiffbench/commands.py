@@ -241,13 +241,11 @@ def execute(
     facts = api.evaluation.run_facts(results)
     if (board := run.board(results)) is not None:
         _print_tables(board, fmt)
-    elif _is_screen(fmt) and answer:
-        facts[0] = f"Fits: {facts[0].replace(';', ',')}"
-        print_text(results.screen(*facts, verbose=verbose), laid_out=True)
-        facts = []
+    elif answer and _is_screen(fmt):
+        _print_tables(results.summary(verbose=verbose), fmt)
     else:
-        if answer and fmt == "github" and (view := results.view()) is not None:
-            _print_tables(replace(view, command=""), fmt)
+        if answer and fmt == "github" and (summary := results.summary()).text:
+            _print_tables(replace(summary, command=""), fmt)
             print_text("")
         _print_tables(results.table(verbose=verbose), fmt)
     for line in facts:
