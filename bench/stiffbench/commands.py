@@ -6,6 +6,7 @@ The help of a command is the docstring of its function. What a command prints is
 from __future__ import annotations
 
 import importlib
+import inspect
 import operator
 import re
 import sys
@@ -29,6 +30,7 @@ from stiff_bench.console import (
     wrapped,
 )
 from stiff_bench.parameter_types import Device, FilePath, Folder, Form, Picture, Seed, Setting
+from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.files import check_new_file
@@ -39,8 +41,6 @@ from stiffbench.options import (
     choose_refits,
     command_line,
     find_own_data,
-    open_cases,
-    read_drawn_model,
     select,
     use_plugins,
 )
@@ -53,8 +53,20 @@ INDENTS = "  ", 16 * " "
 """Before the first and the other lines of a check on a terminal."""
 
 
-def _print_tables(tables: sb.Tables, fmt: str) -> None:
+def show_text(result: object) -> int:
+    """Print a result as sentences, and Markdown from its first heading on."""
+    prose, _, markdown = f"\n{result}".partition("\n# ")
+    if prose:
+        print_prose(prose[1:])
+    if markdown:
+        print_markdown(f"# {markdown}")
+    return 0
+
+
+def show_tables(tables: sb.Tables, fmt: Annotated[str, choose_format]) -> int:
+    """Print tables in a format."""
     print_text(tables.text_as(fmt), laid_out=_is_screen(fmt))
+    return 0
 
 
 def _is_screen(fmt: str) -> bool:
@@ -64,48 +76,36 @@ def _is_screen(fmt: str) -> bool:
     return fmt == SCREEN
 
 
-def _show_description(text: str) -> None:
-    (print_markdown if text.startswith("#") else print_prose)(text)
+def show_nothing(status: int) -> int:
+    """Return the status of a command that prints its results itself."""
+    return status
 
 
-def _show_check(results: Any) -> int:
-    print_prose(repr(results))
+def show_report(result: Any) -> int:
+    """Print the report of a result."""
+    return show_text(result.report)
+
+
+def show_check(results: Any) -> int:
+    """Print the outcomes of checks; return 1 if one failed."""
+    show_text(results)
     return 0 if results.passed else 1
 
 
-def _show_merge(merged: Any) -> None:
-    for line in merged.report:
-        say(line)
-
-
-def _map(output: FilePath | None = None, figure: Picture | None = None, **options: Any) -> None:
-    new_map = sb.stiffness_map(output=output, figure=figure, **options)
-    files = ", ".join(str(file) for file in (output, figure) if file)
-    print_prose(new_map.report + f"\nwritten: {files}" * bool(files))
-
-
-def _show_postures(ranked: object) -> None:
-    print_text(repr(ranked))
-
-
-def _data_info(dataset: sb.Dataset, output: Folder = Path("results/info")) -> None:
-    card = dataset.card
-    print_prose(dataset.describe(output))
-    if card:
-        print_markdown(f"\n{card}")
-
-
-def _validate(robot: sb.Robot | None = None, **options: Any) -> int:
-    report = sb.validate(robot=robot, **options)
-    print_prose(repr(report))
-    if robot is None:
-        default = api.measuring.DEFAULT_ROBOT
-        print_prose(f"Robot: {default}, the default; name yours: --robot or --urdf")
+def show_validation(report: Any) -> int:
+    """Print a report; return the number of its verdict."""
+    show_text(report)
     return ("ok", "suspicious", "invalid").index(report.verdict)
 
 
-def _data_export(dataset: sb.Dataset, output: Folder) -> None:
-    print_prose(dataset.export(output))
+def show_rows(number: int) -> int:
+    """Print the number of predicted rows."""
+    return show_text(f"{counted(number, 'row')} predicted")
+
+
+def show_records(number: int) -> int:
+    """Print the number of exported records."""
+    return show_text(f"{counted(number, 'record')} written")
 
 
 def _fit(
@@ -117,31 +117,29 @@ def _fit(
     device: Device = "auto",
     seed: Seed = 0,
     cross_validate: bool = True,
-) -> None:
+) -> str:
+    """Fit a model to all samples of a data set and save it.
+
+    As in `bench run`, a network chooses its number of epochs by cross-validation, then learns from
+    every sample. With `training=best`, a fifth of the poses chooses the epoch instead.
+
+    Args:
+        models: model to fit; NAME@OPTION=VALUE sets its options.
+        output: file; an existing one is replaced.
+        datasets: data set to fit it to.
+        settings: option of the model or the data set; may be repeated.
+        device: device that networks run on.
+        seed: seed of the model, and of the choice of validation poses.
+        cross_validate: store the error at left-out poses, from one more fit for each fifth of the
+            poses.
+    """
     model, samples = api.evaluation.model_and_data(
         models, [*datasets, *data], settings=settings, device=device
     )
     check_new_file(Path(output))
     model.fit(samples, seed=seed)
     model.save(output, cross_validate=cross_validate)
-    print_prose(f"{output}: {model.report(samples, seed)}")
-
-
-def _predict(model: sb.Model, output: FilePath, **options: Any) -> None:
-    from tempfile import TemporaryDirectory  # 3 ms
-
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "rows.csv" if str(output) == "-" else Path(output)
-        n_rows = model.predict_file(output=file, **options)
-        if file != output:
-            print_text(file.read_text(encoding="utf-8").removesuffix("\n"))
-            return
-    number = "1 row" if n_rows == 1 else f"{n_rows} rows"
-    print_prose(f"{output}: {number} predicted by {model.name}, robot {model.fitted.robot_.name}")
-
-
-def _export(model: sb.Model, output: FilePath) -> None:
-    print_prose(model.export(output))
+    return f"{output}: {model.report(samples, seed)}"
 
 
 def _compensate(
@@ -150,7 +148,7 @@ def _compensate(
     path: FilePath | None = None,
     program: FilePath | None = None,
     **options: Any,
-) -> None:
+) -> str:
     if (path is None) == (program is None):
         raise ConfigError("needed once: a file of points, or else --program", "path")
     for name in ONLY_PROGRAM if program is None else ONLY_PATH:
@@ -158,13 +156,9 @@ def _compensate(
             kind = "--path" if name in ONLY_PATH else "--program"
             raise ConfigError(f"only goes with {kind}", name.replace("_", "-"))
     warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
-    if program is not None:
-        corrected = sb.compensate_program(model, program, output, **options)
-        text, files = repr(corrected), ", ".join(map(str, corrected.files))
-    else:
-        text = repr(sb.compensate_path(model, str(path), output, **options))
-        files = str(output)
-    print_prose(f"{text}\n{files}: {model.name}, robot {model.fitted.robot_.name}")
+    if program is None:
+        return repr(sb.compensate_path(model, str(path), output, **options))
+    return repr(sb.compensate_program(model, program, output, **options))
 
 
 def _run(
@@ -224,7 +218,7 @@ def _run(
             study, models=models, lite=lite, against=str(against or ""), **about, **how
         )
     if plan_only:
-        return _print_plan(run, fmt)
+        return show_tables(run.forecast(), fmt)
     answer = not paper and (bool(models) if study else not options.get("metrics"))
     return execute(run, fmt, answer=answer, verbose=verbose)
 
@@ -240,26 +234,19 @@ def execute(
     results = run.compute()
     facts = api.evaluation.run_facts(results)
     if (board := run.board(results)) is not None:
-        _print_tables(board, fmt)
+        show_tables(board, fmt)
     elif _is_screen(fmt) and answer:
         facts[0] = f"Fits: {facts[0].replace(';', ',')}"
         print_text(results.screen(*facts, verbose=verbose), laid_out=True)
         facts = []
     else:
         if answer and fmt == "github" and (view := results.view()) is not None:
-            _print_tables(replace(view, command=""), fmt)
+            show_tables(replace(view, command=""), fmt)
             print_text("")
-        _print_tables(results.table(verbose=verbose), fmt)
+        show_tables(results.table(verbose=verbose), fmt)
     for line in facts:
         say(line)
     return 0 if all(result.status == "ok" for result in results.every) else 1
-
-
-def _print_plan(run: api.evaluation.Run, fmt: str) -> int:
-    forecast = run.forecast()
-    _print_tables(replace(forecast, text=""), fmt)
-    say(forecast.text)
-    return 0
 
 
 def _reproduce(
@@ -295,7 +282,7 @@ def _reproduce(
         name, output=Path(output), command=command, **execution.arguments()
     )
     if plan_only:
-        return _print_plan(run, fmt)
+        return show_tables(run.forecast(), fmt)
     status = 0
     if not write_only:
         results = run.compute()
@@ -312,27 +299,16 @@ def _reproduce(
     return status
 
 
-def _leaderboard(results: sb.Results, fmt: Annotated[str, choose_format], **ranking: Any) -> None:
-    _print_tables(results.leaderboard(**ranking), fmt)
-
-
-def _compare(
-    results: Annotated[sb.Results, open_cases], fmt: Annotated[str, choose_format], **question: Any
-) -> None:
-    _print_tables(results.compare(**question), fmt)
-
-
 def _report(
     output: Annotated[FilePath, Form("FILE.html")],
     selection: Annotated[sb.Selection, select],
     results: Annotated[Sequence[Path], Form("DIR")] = (RESULTS,),
     **ranking: Any,
-) -> None:
+) -> str:
     folders = [
         sb.Results(folder, command=command_line(), selection=selection) for folder in results
     ]
-    sb.report(output, folders, **ranking)
-    say(f"{output}: written")
+    return f"{sb.report(output, folders, **ranking)}: written"
 
 
 def _figure(
@@ -341,9 +317,9 @@ def _figure(
     results: Folder | None = None,
     output: Picture | None = None,
     data: Annotated[Sequence[sb.Dataset], find_own_data] = (),
-    model_file: Annotated[sb.Model | None, read_drawn_model] = None,
+    model_file: FilePath | None = None,
     **options: Any,
-) -> None:
+) -> str:
     """Draw a figure and print its caption.
 
     The caption names the data set and protocol that are drawn. The figure robot draws results
@@ -354,6 +330,7 @@ def _figure(
         results: folder of results; by default results/runs, or results/paper/runs for the paper's
             figures.
         output: file to write: .png, .pdf or .svg; by default figure-NAME.png.
+        model_file: file of a fitted model, for the figure robot: draw its prediction.
     """
     target = Path(output or f"figure-{name}.png")
     content: Any = results
@@ -365,23 +342,24 @@ def _figure(
         content = data[0] if data else sb.load_dataset(selection.datasets[0])
     elif selection.options:
         content = sb.Results(Path(results or RESULTS), selection=selection)
-    prepared = sb.figure(name, content, model=model_file, **options)
+    check_suffix(target)
+    model = None if model_file is None else sb.load_model(model_file)
+    prepared = sb.figure(name, content, model=model, **options)
     prepared.save(target)
-    print_prose(f"{target}: {prepared.title}. {prepared.caption}")
+    return f"{target}: {prepared.title}. {prepared.caption}"
 
 
 def _table(
     number: Literal["1", "2", "3", "4", "5", "6", "7", "8", "9", "10"],
-    fmt: Annotated[str, choose_format],
     results: Folder | None = None,
-) -> None:
-    _print_tables(sb.paper_table(number, results, command=command_line()), fmt)
+) -> sb.Tables:
+    return sb.paper_table(number, results, command=command_line())
 
 
 def _results_add(
     folders: Annotated[Sequence[Path], Form("DIR...")],
     results: Folder = Path("results/leaderboard/runs"),
-) -> None:
+) -> str:
     """Add the fits of verified submissions to results.
 
     The fits are not computed again. `bench reproduce leaderboard --write-only` then has a column of
@@ -391,26 +369,18 @@ def _results_add(
         folders: folders of submissions that `bench verify` has verified or reported.
         results: folder of results to add to, with the VJM on the same splits.
     """
-    for folder in folders:
-        n_fits = api.submissions.add_submission(folder, Path(results))
-        say(f"{results}: {n_fits} fits of {folder} added")
+    n_fits = {folder: api.submissions.add_submission(folder, Path(results)) for folder in folders}
+    return "\n".join(f"{folder}: {number} fits added" for folder, number in n_fits.items())
 
 
-def _results_export(results: sb.Results, output: FilePath, **options: Any) -> None:
-    n_records = sb.export_results(results, output, **options)
-    say(f"{output}: {n_records} records written")
-
-
-def _list(
-    kind: Literal["models", "datasets", "protocols", "metrics", "figures"],
-    fmt: Annotated[str, choose_format],
-) -> None:
+def _list(kind: Literal["models", "datasets", "protocols", "metrics", "figures"]) -> sb.Tables:
     """List models, data sets, protocols, metrics or figures.
 
     Args:
         kind: models, datasets, protocols, metrics or figures.
     """
-    _print_tables(getattr(sb, f"list_{kind}")(), fmt)
+    tables: sb.Tables = getattr(sb, f"list_{kind}")()
+    return tables
 
 
 def _submit(
@@ -419,7 +389,7 @@ def _submit(
     results: Folder = RESULTS,
     lite: Annotated[bool, Form("--full")] | None = None,
     **options: Any,
-) -> None:
+) -> str:
     if lite is None:
         raise ConfigError("give --lite or --full")
     submission = api.submissions.submit(
@@ -431,7 +401,9 @@ def _submit(
         **options,
     )
     n_records = counted(len(submission.records), "record")
-    say(f"{output}: {submission.manifest.model}, {n_records} written; next: bench verify {output}")
+    return (
+        f"{output}: {submission.manifest.model}, {n_records} written; next: bench verify {output}"
+    )
 
 
 def _verify(
@@ -473,19 +445,20 @@ class Command:
 
     Attributes:
         words: words that call it.
-        public: names of the public functions that it is made of, in `stiff_bench.api`: the first
+        public: names of the public functions that it is made of, in `stiff_bench`: the first
             docstring is its help, all of them have the texts of its options.
         example: shell commands, one per line.
         call: function to call; None: the public function.
-        show: function that prints the result of the public function and may return a status.
-        without: parameters of the public functions that `call` gives.
+        show: function that prints the result and returns the exit status; its further parameters
+            are options, too.
+        without: parameters that are not options.
     """
 
     words: str
     public: str
     example: str
-    call: Callable[..., int | None] | None = None
-    show: Callable[[Any], int | None] = print_prose
+    call: Callable[..., Any] | None = None
+    show: Callable[..., int] = show_text
     without: tuple[str, ...] = ()
 
     @property
@@ -508,18 +481,18 @@ class Command:
         prepare()  # before numpy is imported
         public: list[Any] = [*map(_public_function, self.public.split())]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
+        result_name = next(iter(inspect.signature(self.show).parameters))
+        show = CommandFunction(self.show, without=(result_name,))
         plugins = CommandFunction(use_plugins)
-        has_plugins = self.words in WITH_PLUGINS
-        options = body.all_options() | (plugins.options if has_plugins else {})
+        plugin_options = plugins.options if self.words in WITH_PLUGINS else {}
+        options = {**body.all_options(), **show.all_options(), **plugin_options}
         signature = command_signature(options)
 
         def call(*arguments: Any, **words: Any) -> int:
             given = signature.bind_partial(*arguments, **words).arguments
             plugins(given)
             with warnings_on_stderr():
-                result = body(given)
-                status = self.show(result) if self.call is None else result
-            return status or 0
+                return int(show(given, body(given)))
 
         call.__signature__ = signature  # type: ignore[attr-defined]
         call.__annotations__ = {
@@ -569,12 +542,7 @@ WITH_PLUGINS = {
 """Commands with an option --plugin."""
 COMMANDS = {
     "Your robot's data": [
-        Command(
-            "data info",
-            "api.data_sets:Dataset.describe",
-            "bench data info fanuc-r2000ic",
-            _data_info,
-        ),
+        Command("data info", "api.data_sets:Dataset.describe", "bench data info fanuc-r2000ic"),
         Command(
             "data plan",
             "api.measuring:plan_poses",
@@ -584,7 +552,7 @@ COMMANDS = {
             "data validate",
             "api.measuring:validate",
             "bench data validate my.csv --robot ur5",
-            _validate,
+            show=show_validation,
         ),
         Command(
             "data simulate",
@@ -601,7 +569,6 @@ COMMANDS = {
             "data export",
             "api.data_sets:Dataset.export",
             "bench data export kr10-twin@plan=wide --output shared",
-            _data_export,
         ),
     ],
     "Fit and test models": [
@@ -610,28 +577,25 @@ COMMANDS = {
             "api.evaluation:evaluate",
             "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5",
             _run,
+            show_nothing,
         ),
-        Command("reproduce", "", "bench reproduce paper-quick", _reproduce),
+        Command("reproduce", "", "bench reproduce paper-quick", _reproduce, show_nothing),
     ],
     "Read results": [
         Command(
             "leaderboard",
             "results.results:Results.leaderboard",
             "bench leaderboard --results results/runs",
-            _leaderboard,
+            show=show_tables,
         ),
         Command(
             "compare",
             "results.results:Results.compare",
             "bench compare vjm-gp vjm --dataset fanuc-r2000ic",
-            _compare,
+            show=show_tables,
+            without=("models",),
         ),
-        Command(
-            "report",
-            "page.report:report",
-            "bench report --output report.html",
-            _report,
-        ),
+        Command("report", "page.report:report", "bench report --output report.html", _report),
         Command(
             "figure",
             "api.pictures:figure",
@@ -639,14 +603,11 @@ COMMANDS = {
             _figure,
             without=("model",),
         ),
-        Command(
-            "table", "api.pictures:paper_table", "bench table 10", _table, without=("command",)
-        ),
+        Command("table", "api.pictures:paper_table", "bench table 10", _table, show_tables),
         Command(
             "merge",
             "store.merging:merge",
             "bench merge laptop/runs server/runs --output results/runs",
-            show=_show_merge,
         ),
         Command(
             "results add",
@@ -658,22 +619,21 @@ COMMANDS = {
             "results export",
             "api.records:export_results",
             "bench results export --format csv --output results.csv",
-            _results_export,
+            show=show_records,
         ),
     ],
     "Use a model on your robot": [
         Command(
             "fit",
-            "api.evaluation:model_and_data api.model:Model.fit api.model:Model.save",
+            "",
             "bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
             _fit,
-            without=("data", "robot"),
         ),
         Command(
             "predict",
             "api.model:Model.predict_file",
             "bench predict --model my.stiff --input poses.csv --output deflections.csv",
-            _predict,
+            show=show_rows,
         ),
         Command(
             "path example",
@@ -691,30 +651,26 @@ COMMANDS = {
             "map",
             "api.stiffness_maps:stiffness_map",
             "bench map --model my.stiff --load 0,0,-100 --plane xz --output map.png",
-            _map,
+            show=show_report,
         ),
         Command(
             "posture",
             "api.postures:rank_postures",
             "bench posture --model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
             "bench posture --model my.stiff --path holes.csv --output postures.csv",
-            show=_show_postures,
         ),
         Command(
-            "export",
-            "api.model:Model.export",
-            "bench export --model mlp.stiff --output mlp.onnx",
-            _export,
+            "export", "api.model:Model.export", "bench export --model mlp.stiff --output mlp.onnx"
         ),
     ],
     "Look up and add names": [
-        Command("list", "", "bench list models", _list),
-        Command("show", "api.registered:show", "bench show vjm-gp", show=_show_description),
+        Command("list", "", "bench list models", _list, show_tables),
+        Command("show", "api.registered:show", "bench show vjm-gp"),
         Command(
             "check",
             "api.registered:check",
             "bench check my-model --plugin my_model.py",
-            show=_show_check,
+            show=show_check,
         ),
         Command("new model", "api.registered:new_model", "bench new model my-model"),
     ],
@@ -726,7 +682,13 @@ COMMANDS = {
             _submit,
             without=("command",),
         ),
-        Command("verify", "", "bench verify results/submissions/quadratic-springs", _verify),
+        Command(
+            "verify",
+            "",
+            "bench verify results/submissions/quadratic-springs",
+            _verify,
+            show_nothing,
+        ),
     ],
 }
 """Heading of the help page -> its commands."""

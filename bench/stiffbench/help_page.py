@@ -1,37 +1,17 @@
-"""Lay out help pages as plain text in two columns; no line break divides a name or a command."""
+"""Print help pages as plain text: names and their descriptions in two columns."""
 
 from __future__ import annotations
 
-import re
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from stiff_bench.console import text_width
+from stiff_bench.console import wrapped
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
 
 NAME_COLUMN = 28
 """Width of the column of options' names; longer names have a line of their own."""
-KEPT_TOGETHER = re.compile(r"`[^`]*`|default: |-")
-"""Parts of a text that no line break divides."""
-UNBREAKABLE = str.maketrans({"-": "\u2011", " ": "\u00a0"})
-BREAKABLE = str.maketrans({"\u2011": "-", "\u00a0": " "})
-
-
-def fill(text: str, indent: str = "", first_indent: str | None = None) -> str:
-    """Break a text into lines of the terminal's width."""
-    unbroken_text = KEPT_TOGETHER.sub(lambda part: part[0].translate(UNBREAKABLE), text)
-    first = indent if first_indent is None else first_indent
-    filled = textwrap.fill(
-        unbroken_text,
-        text_width(),
-        initial_indent=first,
-        subsequent_indent=indent,
-        break_long_words=False,
-    )
-    return filled.translate(BREAKABLE)
 
 
 def print_rows(heading: str, rows: Sequence[tuple[str, str]]) -> None:
@@ -42,7 +22,7 @@ def print_rows(heading: str, rows: Sequence[tuple[str, str]]) -> None:
         if len(name) > width:
             print(f"  {name}")
             name = ""
-        print(fill(text, " " * (width + 4), f"  {name:<{width}}  ") if text else f"  {name}")
+        print(wrapped(text, f"  {name:<{width}}  ", " " * (width + 4)))
 
 
 def page_end(example: str) -> str:
@@ -56,10 +36,13 @@ class HelpPage:
 
     def __call__(self, console: Any, options: Any, panel: HelpPanel) -> None:
         """Print a group of options with its heading."""
-        rows = [
-            (", ".join(entry.display_labels_with_metavar), _plain(entry.description))
-            for entry in panel.entries
-        ]
+        rows = []
+        for entry in panel.entries:
+            is_option = entry.positional_label is None
+            end = " [required]" if entry.required and is_option else ""
+            end = f" [default: {entry.default}]" if entry.default else end
+            text = _plain(entry.description) + end
+            rows.append((", ".join(entry.display_labels_with_metavar), text))
         if rows:
             print_rows(str(panel.title), rows)
 
@@ -71,7 +54,7 @@ class HelpPage:
         """Print the text of a command; lines of a list stay as they are."""
         for paragraph in _plain(description).split("\n\n"):
             is_list = paragraph.startswith(" ")
-            print("\n" + (paragraph if is_list else fill(" ".join(paragraph.split()))))
+            print("\n" + (paragraph if is_list else wrapped(" ".join(paragraph.split()))))
 
 
 def _plain(text: Any) -> str:

@@ -17,7 +17,7 @@ from stiffbench.commands import COMMANDS, GROUPS, Command
 from stiffbench.help_page import HelpPage, page_end, print_rows
 
 if TYPE_CHECKING:
-    from cyclopts import App, CycloptsError
+    from cyclopts import App
 
 INTERRUPTION = "interrupted. Results so far are saved; run the same command to continue."
 USAGE_ERROR, CELLS_FAILED = 2, 1
@@ -109,7 +109,7 @@ def run_command(command: Command, options: list[str]) -> int:
     try:
         return int(app(options) or 0)
     except CycloptsError as error:
-        raise ConfigError(refusal(error, command)) from error
+        raise ConfigError(f"{error} Example: {command.example.splitlines()[0]}") from error
 
 
 def command_app(command: Command) -> App:
@@ -132,30 +132,6 @@ def command_app(command: Command) -> App:
     app["--help"].show = False
     app.default(command.function())
     return app
-
-
-def refusal(error: CycloptsError, command: Command) -> str:
-    """Return the message of an error of cyclopts with the valid words or an example."""
-    from cyclopts.exceptions import (
-        MissingArgumentError,
-        RepeatArgumentError,
-        UnknownOptionError,
-        UnusedCliTokensError,
-    )
-
-    if isinstance(error, UnknownOptionError):
-        names = [name for argument in error.argument_collection for name in argument.names]
-        word = error.token.keyword or error.token.value
-        return str(unknown_name(f"bench {command.words} option", word, names))
-    example = f"example: {command.example.splitlines()[0]}"
-    if isinstance(error, RepeatArgumentError):
-        return f"{error.token.keyword}: given more than once; {example}"
-    if isinstance(error, UnusedCliTokensError):
-        return f"unexpected argument {(error.unused_tokens or [''])[0]!r}; {example}"
-    if isinstance(error, MissingArgumentError) and error.argument is not None:
-        text = (error.argument.parameter.help or "").removesuffix(" [required]").rstrip(".")
-        return f"{error.argument.name}: a value is missing ({text}); {example}"
-    return f"{error}; {example}"
 
 
 def print_overview(group: str) -> None:

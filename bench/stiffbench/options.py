@@ -8,7 +8,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,6 +18,9 @@ from stiff_bench.api import RESULTS
 from stiff_bench.parameter_types import Bounds, Bytes, FilePath, Folder, Form, Point
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
+
+AtMost1024 = Annotated[int, Bounds(at_least=1, at_most=1024)]
+Seconds = Annotated[float, Form("SECONDS"), Bounds(above=0.0, at_most=1e7)]
 
 
 def read_model(model: FilePath) -> sb.Model:
@@ -97,45 +100,27 @@ def find_own_data(
     return [api.data_sets.Dataset.of_file(file, robot, options) for file in data]
 
 
-def select_cases(
-    datasets: Sequence[str] = (), protocols: Sequence[str] = (), conditions: Sequence[str] = ()
-) -> sb.Selection:
-    """Select data sets, protocols and conditions.
-
-    Args:
-        datasets: only this data set, or all variants of a key; may be repeated.
-        protocols: only this protocol, or all variants of a key; may be repeated.
-        conditions: only this condition of a protocol, such as "n = 40"; may be repeated.
-    """
-    return sb.Selection((), (*datasets,), (*protocols,), (*conditions,))
-
-
 def select(
-    cases: Annotated[sb.Selection, select_cases], models: Sequence[str] = ()
+    models: Sequence[str] = (),
+    datasets: Sequence[str] = (),
+    protocols: Sequence[str] = (),
+    conditions: Sequence[str] = (),
 ) -> sb.Selection:
     """Select models, data sets, protocols and conditions.
 
     Args:
         models: only this model, or all variants of a key; may be repeated.
+        datasets: only this data set, or all variants of a key; may be repeated.
+        protocols: only this protocol, or all variants of a key; may be repeated.
+        conditions: only this condition of a protocol, such as "n = 40"; may be repeated.
     """
-    return replace(cases, models=(*models,))
+    return sb.Selection((*models,), (*datasets,), (*protocols,), (*conditions,))
 
 
-def open_cases(
-    cases: Annotated[sb.Selection, select_cases], results: Folder = RESULTS
-) -> sb.Results:
-    """Return the results of some data sets, protocols and conditions.
-
-    Args:
-        results: folder of results: the --output of `bench run`.
-    """
-    return open_selected(cases, results)
-
-
-def open_selected(
+def open_results(
     selection: Annotated[sb.Selection, select], results: Folder = RESULTS
 ) -> sb.Results:
-    """Return the results of some models, data sets, protocols and conditions.
+    """Return selected results of a folder.
 
     Args:
         results: folder of results: the --output of `bench run`.
@@ -179,11 +164,11 @@ class Execution:
         rerun: fits to run: those without a stored result, the failed ones too, or all.
     """
 
-    jobs: Annotated[int, Bounds(at_least=1, at_most=1024)] | None = None
+    jobs: AtMost1024 | None = None
     isolate: bool | None = None
-    timeout: Annotated[float, Form("SECONDS"), Bounds(above=0.0, at_most=1e7)] | None = None
+    timeout: Seconds | None = None
     memory: Bytes | None = None
-    threads: Annotated[int, Bounds(at_least=1, at_most=1024)] | None = None
+    threads: AtMost1024 | None = None
     dask: Annotated[str, Form("CLUSTER")] = ""
     rerun: Literal["missing", "failed", "all"] = "missing"
 
@@ -201,11 +186,11 @@ class Limits:
     Attributes:
         jobs: number of parallel fits.
         timeout: time limit of each fit.
-        memory: memory limit of each fit.
+        memory: memory limit of each fit; by default 4GiB.
     """
 
-    jobs: Annotated[int, Bounds(at_least=1, at_most=1024)] = 1
-    timeout: Annotated[float, Form("SECONDS"), Bounds(above=0.0, at_most=1e7)] = 600.0
+    jobs: AtMost1024 = 1
+    timeout: Seconds = 600.0
     memory: Bytes = 4 * 2**30
 
 
@@ -232,7 +217,7 @@ MAKERS: dict[str, Callable[..., Any]] = {
     "FileOptions": FileOptions,
     "Limits": Limits,
     "Model": read_model,
-    "Results": open_selected,
+    "Results": open_results,
     "Robot": name_robot,
 }
 """Type of a parameter -> function or class whose parameters are its options."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from stiff_bench.api.registered import registry
 from stiff_bench.api.robots import as_robot
+from stiff_bench.parameter_types import Folder
 from stiff_bench.plan.options import (
     Choice,
     chosen,
@@ -151,7 +152,7 @@ class Dataset(ShownObject):
 
         return Text(card_text(self.choice.info.key, self.choice.info.card))
 
-    def describe(self, output: Path | str) -> Text:
+    def describe(self, output: Folder = Path("results/info")) -> Text:
         """Describe a data set and draw an overview.
 
         Args:
@@ -167,9 +168,10 @@ class Dataset(ShownObject):
         picture = Path(output) / f"{name.replace(' ', '_')}.png"
         make_folder(picture.parent)
         self.plot().save(picture)
-        return Text(dataset_info(info, data, picture, options))
+        card = f"\n\n{self.card}" * bool(self.card)
+        return Text(dataset_info(info, data, picture, options) + card)
 
-    def export(self, output: Path | str) -> Text:
+    def export(self, output: Folder) -> Text:
         """Write a data set as CSV, URDF, data card and descriptors.
 
         Args:
