@@ -59,8 +59,8 @@ if TYPE_CHECKING:
 
 _IMPORTS = re.findall(r"^    from (\S+) import (\w+) as", Path(__file__).read_text("utf-8"), re.M)
 """Module and name of the imports above, which are for type checkers."""
-_MODULE_OF = {name: module for module, name in _IMPORTS}
-__all__ = [*_MODULE_OF]
+MODULE_OF = {name: module for module, name in _IMPORTS}
+__all__ = [*MODULE_OF]
 
 
 def __getattr__(name: str) -> Any:
@@ -68,9 +68,9 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version  # slow import (20 ms), not needed for commands
 
         return version("stiffbench")
-    if name not in _MODULE_OF:
+    if name not in MODULE_OF:
         raise AttributeError(f"module 'stiffbench' has no attribute {name!r}")
-    return getattr(importlib.import_module(_MODULE_OF[name]), name)
+    return getattr(importlib.import_module(MODULE_OF[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -9,7 +9,6 @@ import importlib
 import inspect
 import operator
 import re
-import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,16 +19,17 @@ import stiff_bench
 import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
-from stiff_bench.console import (
-    print_markdown,
-    print_prose,
-    print_text,
-    printable,
-    say,
-    warnings_on_stderr,
-    wrapped,
+from stiff_bench.console import print_markdown, print_prose, print_text, say, warnings_on_stderr
+from stiff_bench.parameter_types import (
+    Bounds,
+    Device,
+    FilePath,
+    Folder,
+    Form,
+    Picture,
+    Seed,
+    Setting,
 )
-from stiff_bench.parameter_types import Device, FilePath, Folder, Form, Picture, Seed, Setting
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
@@ -48,9 +48,6 @@ from stiffbench.options import (
 ONLY_PATH = ("sheet", "hold", "on_failure")
 ONLY_PROGRAM = ("loads", "strict")
 """Options that only go with `--path`, or with `--program`."""
-REFUSED = 1
-INDENTS = "  ", 16 * " "
-"""Before the first and the other lines of a check on a terminal."""
 
 
 def show_text(result: object) -> int:
@@ -86,26 +83,19 @@ def show_report(result: Any) -> int:
     return show_text(result.report)
 
 
+def show_rows(number: int) -> int:
+    """Print the number of written rows."""
+    return show_text(f"{counted(number, 'row')} written")
+
+
 def show_check(results: Any) -> int:
     """Print the outcomes of checks; return 1 if one failed."""
-    show_text(results)
-    return 0 if results.passed else 1
+    return show_text(results) or int(not results.passed)
 
 
 def show_validation(report: Any) -> int:
     """Print a report; return the number of its verdict."""
-    show_text(report)
-    return ("ok", "suspicious", "invalid").index(report.verdict)
-
-
-def show_rows(number: int) -> int:
-    """Print the number of predicted rows."""
-    return show_text(f"{counted(number, 'row')} predicted")
-
-
-def show_records(number: int) -> int:
-    """Print the number of exported records."""
-    return show_text(f"{counted(number, 'record')} written")
+    return show_text(report) or ("ok", "suspicious", "invalid").index(report.verdict)
 
 
 def _fit(
@@ -173,7 +163,6 @@ def _run(
     against: Folder | None = None,
     output: Folder = RESULTS,
     plan_only: bool = False,
-    paper: bool = False,
     verbose: bool = False,
     **options: Any,
 ) -> int:
@@ -191,7 +180,6 @@ def _run(
         output: folder that stores the results.
         plan_only: only estimate: print how many fits are missing and how long they take. One fit
             per new model is timed.
-        paper: on a terminal, print the source paper's table: MAE, STDE and ME.
         verbose: also print a table of each data set, and what fits report, such as stiffnesses.
     """
     about: dict[str, Any] = {"output": Path(output), "command": command_line()}
@@ -219,7 +207,7 @@ def _run(
         )
     if plan_only:
         return show_tables(run.forecast(), fmt)
-    answer = not paper and (bool(models) if study else not options.get("metrics"))
+    answer = bool(models) if study else not options.get("metrics")
     return execute(run, fmt, answer=answer, verbose=verbose)
 
 
@@ -318,7 +306,7 @@ def _figure(
     output: Picture | None = None,
     data: Annotated[Sequence[sb.Dataset], find_own_data] = (),
     model_file: FilePath | None = None,
-    **options: Any,
+    row: Annotated[int, Bounds(at_least=0)] | None = None,
 ) -> str:
     """Draw a figure and print its caption.
 
@@ -331,6 +319,7 @@ def _figure(
             figures.
         output: file to write: .png, .pdf or .svg; by default figure-NAME.png.
         model_file: file of a fitted model, for the figure robot: draw its prediction.
+        row: sample of the figure robot, from 0; by default the one with the largest deflection.
     """
     target = Path(output or f"figure-{name}.png")
     content: Any = results
@@ -344,7 +333,7 @@ def _figure(
         content = sb.Results(Path(results or RESULTS), selection=selection)
     check_suffix(target)
     model = None if model_file is None else sb.load_model(model_file)
-    prepared = sb.figure(name, content, model=model, **options)
+    prepared = sb.figure(name, content, model=model, row=row)
     prepared.save(target)
     return f"{target}: {prepared.title}. {prepared.caption}"
 
@@ -427,16 +416,13 @@ def _verify(
     outcomes = set()
     for folder in folders:
         verification = api.submissions.VerificationRun(folder, study, refits)
-        for number, check in enumerate(verification):
-            if not number:
-                print_text(str(folder))
-            on_terminal = sys.stdout.isatty()
-            print_text(wrapped(printable(str(check)), *INDENTS) if on_terminal else f"  {check}")
+        for check in verification:
+            print_prose(f"  {check}")
         print_text(f"{verification.outcome}: {folder}")
         outcomes.add(verification.outcome)
         if write and verification.outcome != "refused":
             verification.write()
-    return REFUSED if "refused" in outcomes else 0
+    return int("refused" in outcomes)
 
 
 @dataclass(frozen=True)
@@ -445,9 +431,9 @@ class Command:
 
     Attributes:
         words: words that call it.
-        public: names of the public functions that it is made of, in `stiff_bench`: the first
-            docstring is its help, all of them have the texts of its options.
-        example: shell commands, one per line.
+        public: public functions that it is made of, such as "Results.compare", or "module:name" in
+            `stiff_bench`: the first docstring is its help, all have the texts of its options.
+        options: options of an example; a line per example.
         call: function to call; None: the public function.
         show: function that prints the result and returns the exit status; its further parameters
             are options, too.
@@ -456,20 +442,34 @@ class Command:
 
     words: str
     public: str
-    example: str
+    options: str
     call: Callable[..., Any] | None = None
     show: Callable[..., int] = show_text
     without: tuple[str, ...] = ()
+
+    @property
+    def example(self) -> str:
+        """Return shell commands, one per line."""
+        return "\n".join(f"bench {self.words} {line}" for line in self.options.splitlines())
+
+    @property
+    def places(self) -> list[tuple[str, str]]:
+        """Return module and name of each public function."""
+        places = [place.rpartition(":") for place in self.public.split()]
+        return [
+            (f"stiff_bench.{module}" if module else sb.MODULE_OF[name.partition(".")[0]], name)
+            for module, _, name in places
+        ]
 
     @property
     def summary(self) -> str:
         """Return the first line of the help, read from the source without an import."""
         if self.call is not None and self.call.__doc__:
             return self.call.__doc__.partition("\n")[0]
-        module, _, place = self.public.split()[0].partition(":")
-        file = Path(stiff_bench.__file__).parent / f"{module.replace('.', '/')}.py"
-        source, name = file.read_text(encoding="utf-8"), place.rpartition(".")[2]
-        match = re.search(rf'^ *def {name}\(.*?"""(.*?)(?:"""|$)', source, re.DOTALL | re.MULTILINE)
+        module, name = self.places[0]
+        file = Path(stiff_bench.__file__).parents[1] / f"{module.replace('.', '/')}.py"
+        pattern = rf'^ *def {name.rpartition(".")[2]}\(.*?"""(.*?)(?:"""|$)'
+        match = re.search(pattern, file.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
         assert match is not None
         return match[1]
 
@@ -479,7 +479,10 @@ class Command:
         from stiffbench.signatures import CommandFunction, command_signature, spell_options
 
         prepare()  # before numpy is imported
-        public: list[Any] = [*map(_public_function, self.public.split())]
+        public: list[Any] = [
+            operator.attrgetter(name)(importlib.import_module(module))
+            for module, name in self.places
+        ]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
         result_name = next(iter(inspect.signature(self.show).parameters))
         show = CommandFunction(self.show, without=(result_name,))
@@ -503,38 +506,14 @@ class Command:
         return call
 
 
-def _public_function(place: str) -> Callable[..., Any]:
-    """Return the function of a place such as "results.results:Results.compare"."""
-    module, _, name = place.partition(":")
-    function: Callable[..., Any] = operator.attrgetter(name)(
-        importlib.import_module(f"stiff_bench.{module}")
-    )
-    return function
-
-
 GROUPS = {
-    "": (
-        "Benchmark stiffness models of industrial robots.",
-        "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5\n"
-        "bench leaderboard\n"
-        "bench run --help",
-    ),
-    "data": (
-        "Plan, check, simulate and inspect data sets.",
-        "bench data plan --robot ur5 --output plan.csv\nbench data validate my.csv --robot ur5",
-    ),
-    "path": (
-        "Correct tool paths for the deflection under load.",
-        "bench path example --model my.stiff --output square.csv\n"
-        "bench path compensate --model my.stiff --path square.csv --output new.csv",
-    ),
-    "new": ("Write the first files of a plugin.", "bench new model my-model"),
-    "results": (
-        "Export stored results, and add results of submissions.",
-        "bench results export --format csv --output results.csv",
-    ),
+    "": "Benchmark stiffness models of industrial robots.",
+    "data": "Plan, check, simulate and inspect data sets.",
+    "path": "Correct tool paths for the deflection under load.",
+    "new": "Write the first files of a plugin.",
+    "results": "Export stored results, and add results of submissions.",
 }
-"""Name of a group of commands -> its help and its example; "": all."""
+"""Name of a group of commands -> its help; "": all."""
 WITH_PLUGINS = {
     *("data info", "data plan", "data export", "run", "figure", "fit", "predict", "path example"),
     *("path compensate", "map", "posture", "list", "show", "check"),
@@ -542,153 +521,96 @@ WITH_PLUGINS = {
 """Commands with an option --plugin."""
 COMMANDS = {
     "Your robot's data": [
-        Command("data info", "api.data_sets:Dataset.describe", "bench data info fanuc-r2000ic"),
-        Command(
-            "data plan",
-            "api.measuring:plan_poses",
-            "bench data plan --robot ur5 --poses 60 --output plan.csv",
-        ),
-        Command(
-            "data validate",
-            "api.measuring:validate",
-            "bench data validate my.csv --robot ur5",
-            show=show_validation,
-        ),
-        Command(
-            "data simulate",
-            "api.measuring:simulate",
-            "bench data simulate --twin ur5 --samples 1000 --output simulated.csv",
-        ),
+        Command("data info", "Dataset.describe", "fanuc-r2000ic"),
+        Command("data plan", "plan_poses", "--robot ur5 --poses 60 --output plan.csv"),
+        Command("data validate", "validate", "my.csv --robot ur5", show=show_validation),
+        Command("data simulate", "simulate", "--twin ur5 --samples 1000 --output simulated.csv"),
         Command(
             "data register",
             "api.data_files:register",
-            "bench data register my.csv --robot ur5 --licence CC-BY-4.0\n"
-            "bench data register my.csv --dataset kr10-measured",
+            "my.csv --robot ur5 --licence CC-BY-4.0\nmy.csv --dataset kr10-measured",
         ),
-        Command(
-            "data export",
-            "api.data_sets:Dataset.export",
-            "bench data export kr10-twin@plan=wide --output shared",
-        ),
+        Command("data export", "Dataset.export", "kr10-twin@plan=wide --output shared"),
     ],
     "Fit and test models": [
         Command(
             "run",
-            "api.evaluation:evaluate",
-            "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5",
+            "evaluate",
+            "--model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5",
             _run,
             show_nothing,
         ),
-        Command("reproduce", "", "bench reproduce paper-quick", _reproduce, show_nothing),
+        Command("reproduce", "", "paper-quick", _reproduce, show_nothing),
     ],
     "Read results": [
-        Command(
-            "leaderboard",
-            "results.results:Results.leaderboard",
-            "bench leaderboard --results results/runs",
-            show=show_tables,
-        ),
+        Command("leaderboard", "Results.leaderboard", "--results results/runs", show=show_tables),
         Command(
             "compare",
-            "results.results:Results.compare",
-            "bench compare vjm-gp vjm --dataset fanuc-r2000ic",
+            "Results.compare",
+            "vjm-gp vjm --dataset fanuc-r2000ic",
             show=show_tables,
             without=("models",),
         ),
-        Command("report", "page.report:report", "bench report --output report.html", _report),
-        Command(
-            "figure",
-            "api.pictures:figure",
-            "bench figure regression --output regression.pdf",
-            _figure,
-            without=("model",),
-        ),
-        Command("table", "api.pictures:paper_table", "bench table 10", _table, show_tables),
-        Command(
-            "merge",
-            "store.merging:merge",
-            "bench merge laptop/runs server/runs --output results/runs",
-        ),
-        Command(
-            "results add",
-            "",
-            "bench results add results/submissions/quadratic-springs",
-            _results_add,
-        ),
+        Command("report", "report", "--output report.html", _report),
+        Command("figure", "", "regression --output regression.pdf", _figure),
+        Command("table", "paper_table", "10", _table, show_tables),
+        Command("merge", "merge", "laptop/runs server/runs --output results/runs"),
+        Command("results add", "", "results/submissions/quadratic-springs", _results_add),
         Command(
             "results export",
-            "api.records:export_results",
-            "bench results export --format csv --output results.csv",
-            show=show_records,
+            "export_results",
+            "--format csv --output results.csv",
+            show=show_rows,
         ),
     ],
     "Use a model on your robot": [
-        Command(
-            "fit",
-            "",
-            "bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
-            _fit,
-        ),
+        Command("fit", "", "--model gp-springs --data my.csv --robot ur5 --output my.stiff", _fit),
         Command(
             "predict",
-            "api.model:Model.predict_file",
-            "bench predict --model my.stiff --input poses.csv --output deflections.csv",
+            "Model.predict_file",
+            "--model my.stiff --input poses.csv --output deflections.csv",
             show=show_rows,
         ),
         Command(
             "path example",
-            "api.tool_paths:example_path",
-            "bench path example --shape circle --size 300mm --output circle.csv\n"
-            "bench path example --model my.stiff --output square.csv",
+            "example_path",
+            "--shape circle --size 300mm --output circle.csv\n--model my.stiff --output square.csv",
         ),
         Command(
             "path compensate",
-            "api.tool_paths:compensate_path api.robot_programs:compensate_program",
-            "bench path compensate --model my.stiff --path circle.csv --output new.csv",
+            "compensate_path compensate_program",
+            "--model my.stiff --path circle.csv --output new.csv",
             _compensate,
         ),
         Command(
             "map",
-            "api.stiffness_maps:stiffness_map",
-            "bench map --model my.stiff --load 0,0,-100 --plane xz --output map.png",
+            "stiffness_map",
+            "--model my.stiff --load 0,0,-100 --plane xz --output map.png",
             show=show_report,
         ),
         Command(
             "posture",
-            "api.postures:rank_postures",
-            "bench posture --model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
-            "bench posture --model my.stiff --path holes.csv --output postures.csv",
+            "rank_postures",
+            "--model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
+            "--model my.stiff --path holes.csv --output postures.csv",
         ),
-        Command(
-            "export", "api.model:Model.export", "bench export --model mlp.stiff --output mlp.onnx"
-        ),
+        Command("export", "Model.export", "--model mlp.stiff --output mlp.onnx"),
     ],
     "Look up and add names": [
-        Command("list", "", "bench list models", _list, show_tables),
-        Command("show", "api.registered:show", "bench show vjm-gp"),
-        Command(
-            "check",
-            "api.registered:check",
-            "bench check my-model --plugin my_model.py",
-            show=show_check,
-        ),
-        Command("new model", "api.registered:new_model", "bench new model my-model"),
+        Command("list", "", "models", _list, show_tables),
+        Command("show", "show", "vjm-gp"),
+        Command("check", "check", "my-model --plugin my_model.py", show=show_check),
+        Command("new model", "api.registered:new_model", "my-model"),
     ],
     "Take part in the leaderboard": [
         Command(
             "submit",
             "api.submissions:submit",
-            "bench submit --lite --card card.toml --output submission",
+            "--lite --card card.toml --output submission",
             _submit,
             without=("command",),
         ),
-        Command(
-            "verify",
-            "",
-            "bench verify results/submissions/quadratic-springs",
-            _verify,
-            show_nothing,
-        ),
+        Command("verify", "", "results/submissions/quadratic-springs", _verify, show_nothing),
     ],
 }
 """Heading of the help page -> its commands."""

@@ -50,17 +50,16 @@ def main(arguments: list[str] | None = None) -> None:
     except (KeyboardInterrupt, Stopped) as stopped:
         say(INTERRUPTION)
         status = 128 + getattr(stopped, "number", signal.SIGINT)
-    except (StiffBenchError, OSError) as error:
-        if debug:
-            raise
-        message = error.as_typed() if isinstance(error, StiffBenchError) else str(error)
-        say(f"error: {' '.join(message.split())}")
-        status = USAGE_ERROR
     except Exception as error:
         if debug:
             raise
-        say(f"internal error: {type(error).__name__}: {error} (add --debug for the traceback)")
-        status = CELLS_FAILED
+        if isinstance(error, StiffBenchError | OSError):
+            message = error.as_typed() if isinstance(error, StiffBenchError) else str(error)
+            say(f"error: {' '.join(message.split())}")
+            status = USAGE_ERROR
+        else:
+            say(f"internal error: {type(error).__name__}: {error} (add --debug for the traceback)")
+            status = CELLS_FAILED
     sys.exit(status)
 
 
@@ -136,21 +135,23 @@ def command_app(command: Command) -> App:
 
 def print_overview(group: str) -> None:
     """Print the commands of `bench`, or of a group."""
-    text, example = GROUPS[group]
-    print(f"Usage: {f'bench {group}'.strip()} COMMAND\n\n{text}")
+    print(f"Usage: {f'bench {group}'.strip()} COMMAND\n\n{GROUPS[group]}")
+    examples = []
     for heading, commands in COMMANDS.items():
         rows = dict[str, str]()
         for command in commands:
             above, _, name = command.words.rpartition(" ")
             if above == group:
                 rows[name] = command.summary
+                examples.append(command.example)
             elif not group:
-                rows[above] = GROUPS[above][0]
+                rows[above] = GROUPS[above]
         if rows:
             print_rows("Commands" if group else heading, [*rows.items()])
     if not group:
         print_rows("Options", GENERAL_OPTIONS)
-    print(f"\n{page_end(example)}")
+        examples = [examples[0], "bench run --help"]
+    print("\n" + page_end("\n".join(examples)))
 
 
 if __name__ == "__main__":

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from cyclopts import Group, Parameter, Token
 
@@ -28,28 +26,12 @@ SPELLINGS = {
     **{"results": "results", "plan_only": "plan"},
 }
 """Parameter -> its option, if the name differs; a sequence of `models` is a repeated --model."""
-OPTION_GROUPS = {
-    "Models and data": (
-        *("model", "dataset", "protocol", "condition", "splits", "set", "study", "lite", "against"),
-        *("metric", "axis", "coverage", "seed", "plugin", "results", "input"),
-    ),
-    "Your own data": (
-        *("data", "urdf", "robot", "tip", "tcp", "no-torque", "sheet", "pose-tolerance"),
-        *("licence", "citation", "source"),
-    ),
-    "Computation": (
-        *("plan", "rerun", "jobs", "threads", "device", "isolate", "timeout", "memory", "dask"),
-    ),
-    "Output": ("output", "figure", "format", "paper", "verbose"),
+HEADINGS = {
+    **{"select": "Selection", "Execution": "Computation", "Limits": "Computation"},
+    **dict.fromkeys(("name_robot", "find_own_data", "FileOptions"), "Your own data"),
 }
-"""Heading -> options of all commands; other options come first."""
-FIRST_GROUP = Group("Options", sort_key=0)
-GROUP_OF = {
-    name: group
-    for number, heading in enumerate(OPTION_GROUPS, 1)
-    for group in [Group(heading, sort_key=number)]
-    for name in OPTION_GROUPS[heading]
-}
+"""Function or class -> heading of its parameters; the others are below "Options"."""
+GROUPS = {name: Group.create_ordered(name) for name in ("Options", *HEADINGS.values())}
 SHAPE = re.compile(r"^(\([\w,]+\) (or )?)+")
 """Shape of an array before its description."""
 REQUIRED = inspect.Parameter.empty
@@ -64,12 +46,14 @@ class Option:
         types: types in its annotation, and their metadata.
         default: its default, or `REQUIRED`.
         text: description.
+        heading: heading above the option in help pages.
     """
 
     name: str
     types: Sequence[Any]
     default: Any
     text: str
+    heading: str
 
     @property
     def maker(self) -> Callable[..., Any] | None:
@@ -120,7 +104,7 @@ class Option:
         negative = next((part.name for part in self.types if isinstance(part, Form)), None)
         parameter = Parameter(
             name=self.word,
-            group=() if is_argument else GROUP_OF.get(self.spelling, FIRST_GROUP),
+            group="Arguments" if is_argument else GROUPS[self.heading],
             help=text[:1].upper() + text[1:],
             show_default="" if "by default" in text else default_text(self.default),
             negative=negative if is_flag and self.default is not False else (),
@@ -148,8 +132,6 @@ class Option:
             except ValueError:
                 valid = self.form.valid or self.form.name
                 raise ConfigError(f"{self.word} {token.value!r} (valid: {valid})") from None
-        if Mapping in self.types:
-            return dict(values)
         return values if self.is_repeated else values[0]
 
 
@@ -212,7 +194,11 @@ class CommandFunction:
 
     def __call__(self, given: Mapping[str, Any], *first: Any) -> Any:
         """Call the function with `first` and with given values by name."""
-        values = {name: given[name] for name in self.options if name in given}
+        values = {
+            name: dict(given[name]) if Mapping in option.types else given[name]
+            for name, option in self.options.items()
+            if name in given
+        }
         for name, (maker, has_default) in self.makers.items():
             if not has_default or given.keys() & maker.all_options().keys():
                 values[name] = maker(given)
@@ -223,22 +209,18 @@ def _options_of(
     function: Callable[..., Any], texts: Mapping[str, str], known_names: Collection[str]
 ) -> list[Option]:
     """Return the parameters of a function, except known ones and `**options`."""
-    parameters = [
-        parameter
-        for parameter in inspect.signature(function).parameters.values()
-        if parameter.kind is not parameter.VAR_KEYWORD and parameter.name not in known_names
-    ]
-    annotations = {part.name: part.annotation for part in parameters}
-    if "self" in annotations:
-        annotations["self"] = function.__qualname__.partition(".")[0]
-    hints = get_type_hints(
-        SimpleNamespace(__annotations__=annotations),
-        vars(sys.modules[function.__module__]),
-        include_extras=True,
-    )
+    heading = HEADINGS.get(function.__name__, "Options")
+    class_name = function.__qualname__.partition(".")[0]
     return [
-        Option(part.name, types_in(hints[part.name]), part.default, texts.get(part.name, ""))
-        for part in parameters
+        Option(
+            part.name,
+            [MAKERS[class_name]] if part.name == "self" else types_in(part.annotation),
+            part.default,
+            texts.get(part.name, ""),
+            heading,
+        )
+        for part in inspect.signature(function, eval_str=True).parameters.values()
+        if part.kind is not part.VAR_KEYWORD and part.name not in known_names
     ]
 
 
