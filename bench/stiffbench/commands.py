@@ -30,10 +30,8 @@ from stiff_bench.parameter_types import (
     Seed,
     Setting,
 )
-from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.files import check_new_file
 from stiffbench.options import (
     Execution,
     Limits,
@@ -44,10 +42,6 @@ from stiffbench.options import (
     select,
     use_plugins,
 )
-
-ONLY_PATH = ("sheet", "hold", "on_failure")
-ONLY_PROGRAM = ("loads", "strict")
-"""Options that only go with `--path`, or with `--program`."""
 
 
 def show_text(result: object) -> int:
@@ -123,6 +117,8 @@ def _fit(
         cross_validate: store the error at left-out poses, from one more fit for each fifth of the
             poses.
     """
+    from stiff_protocols.contract.files import check_new_file  # 10 ms
+
     model, samples = api.evaluation.model_and_data(
         models, [*datasets, *data], settings=settings, device=device
     )
@@ -141,14 +137,12 @@ def _compensate(
 ) -> str:
     if (path is None) == (program is None):
         raise ConfigError("needed once: a file of points, or else --program", "path")
-    for name in ONLY_PROGRAM if program is None else ONLY_PATH:
-        if name in options:
-            kind = "--path" if name in ONLY_PATH else "--program"
-            raise ConfigError(f"only goes with {kind}", name.replace("_", "-"))
+    kind = "path" if program is None else "program"
+    compensate = sb.compensate_path if program is None else sb.compensate_program
+    for name in options.keys() - inspect.signature(compensate).parameters.keys():
+        raise ConfigError(f"does not go with --{kind}", name.replace("_", "-"))
     warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
-    if program is None:
-        return repr(sb.compensate_path(model, str(path), output, **options))
-    return repr(sb.compensate_program(model, program, output, **options))
+    return repr(compensate(model, path or program, output, **options))
 
 
 def _run(
@@ -321,6 +315,8 @@ def _figure(
         model_file: file of a fitted model, for the figure robot: draw its prediction.
         row: sample of the figure robot, from 0; by default the one with the largest deflection.
     """
+    from stiff_bench.tables.picture_file import check_suffix  # not needed for the first help page
+
     target = Path(output or f"figure-{name}.png")
     content: Any = results
     if data and (name != "robot" or results is not None):
@@ -343,23 +339,6 @@ def _table(
     results: Folder | None = None,
 ) -> sb.Tables:
     return sb.paper_table(number, results, command=command_line())
-
-
-def _results_add(
-    folders: Annotated[Sequence[Path], Form("DIR...")],
-    results: Folder = Path("results/leaderboard/runs"),
-) -> str:
-    """Add the fits of verified submissions to results.
-
-    The fits are not computed again. `bench reproduce leaderboard --write-only` then has a column of
-    status: verified or reported.
-
-    Args:
-        folders: folders of submissions that `bench verify` has verified or reported.
-        results: folder of results to add to, with the VJM on the same splits.
-    """
-    n_fits = {folder: api.submissions.add_submission(folder, Path(results)) for folder in folders}
-    return "\n".join(f"{folder}: {number} fits added" for folder, number in n_fits.items())
 
 
 def _list(kind: Literal["models", "datasets", "protocols", "metrics", "figures"]) -> sb.Tables:
@@ -555,7 +534,12 @@ COMMANDS = {
         Command("figure", "", "regression --output regression.pdf", _figure),
         Command("table", "paper_table", "10", _table, show_tables),
         Command("merge", "merge", "laptop/runs server/runs --output results/runs"),
-        Command("results add", "", "results/submissions/quadratic-springs", _results_add),
+        Command(
+            "results add",
+            "api.submissions:add_submission",
+            "results/submissions/quadratic-springs",
+            show=show_rows,
+        ),
         Command(
             "results export",
             "export_results",

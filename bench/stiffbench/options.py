@@ -32,15 +32,6 @@ def read_model(model: FilePath) -> sb.Model:
     return sb.load_model(model)
 
 
-def read_drawn_model(model_file: FilePath) -> sb.Model:
-    """Read the model that a figure draws.
-
-    Args:
-        model_file: file of a fitted model, for the figure robot: draw its prediction.
-    """
-    return sb.load_model(model_file)
-
-
 def name_robot(
     robot: str | None = None,
     urdf: FilePath | None = None,
@@ -81,7 +72,19 @@ def find_dataset(
             --urdf or --robot.
         settings: option of the data set, KEY.OPTION=VALUE; may be repeated.
     """
-    return api.data_sets.dataset_of_word(key, robot, options, settings)
+    from stiff_bench.plan.options import chosen_dataset
+
+    path = Path(key)
+    if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
+        if settings:
+            raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
+        return sb.Dataset.of_file(path, robot, options)
+    if robot is not None or options != DEFAULTS or path.is_file():
+        raise ConfigError(
+            f"{key}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
+            "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
+        )
+    return sb.Dataset(chosen_dataset(key, settings, api.registered.registry()))
 
 
 def find_own_data(
@@ -97,7 +100,7 @@ def find_own_data(
         raise ConfigError(
             "--robot, --urdf, --no-torque, --sheet and --pose-tolerance require --data FILE"
         )
-    return [api.data_sets.Dataset.of_file(file, robot, options) for file in data]
+    return [sb.Dataset.of_file(file, robot, options) for file in data]
 
 
 def select(

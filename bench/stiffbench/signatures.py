@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import inspect
 import re
+import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin
+from types import SimpleNamespace
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from cyclopts import Group, Parameter, Token
 
@@ -19,7 +21,7 @@ from stiff_bench.parameter_types import Bounds, Form
 from stiff_protocols.contract.errors import ConfigError
 from stiffbench.options import MAKERS
 
-ARGUMENTS = ("kind", "number", "name", "key", "file", "a", "b", "folders")
+ARGUMENTS = ("kind", "number", "name", "key", "file", "a", "b", "folder", "folders")
 """Parameters that are given by their place; all others are options."""
 SPELLINGS = {
     **{"settings": "set", "equivalence_mm": "equivalence", "fmt": "format"},
@@ -209,18 +211,22 @@ def _options_of(
     function: Callable[..., Any], texts: Mapping[str, str], known_names: Collection[str]
 ) -> list[Option]:
     """Return the parameters of a function, except known ones and `**options`."""
-    heading = HEADINGS.get(function.__name__, "Options")
+    parts = [
+        part
+        for part in inspect.signature(function).parameters.values()
+        if part.kind is not part.VAR_KEYWORD and part.name not in known_names
+    ]
     class_name = function.__qualname__.partition(".")[0]
+    texts_of_types = {p.name: class_name if p.name == "self" else p.annotation for p in parts}
+    names = vars(sys.modules[function.__module__])
+    annotated = SimpleNamespace(__annotations__=texts_of_types)  # without the type of the result
+    types = get_type_hints(annotated, names, include_extras=True)
+    heading = HEADINGS.get(function.__name__, "Options")
     return [
         Option(
-            part.name,
-            [MAKERS[class_name]] if part.name == "self" else types_in(part.annotation),
-            part.default,
-            texts.get(part.name, ""),
-            heading,
+            part.name, types_in(types[part.name]), part.default, texts.get(part.name, ""), heading
         )
-        for part in inspect.signature(function, eval_str=True).parameters.values()
-        if part.kind is not part.VAR_KEYWORD and part.name not in known_names
+        for part in parts
     ]
 
 

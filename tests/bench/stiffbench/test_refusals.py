@@ -27,9 +27,9 @@ PLAN = "data plan --output p.csv"
 
 REFUSED = {
     "run": ["--model", "zero, mean"],
-    "run --model vjm --splits 2 --splits 3": ["--splits: given more than once"],
-    "run vjm": ["unexpected argument 'vjm'", "bench run --model vjm"],
-    "run --model vjm --splits": ["--splits: a value is missing"],
+    "run --model vjm --splits 2 --splits 3": ["--splits specified multiple times"],
+    "run vjm": ["'vjm'", "bench run --model vjm"],
+    "run --model vjm --splits": ["--splits requires an argument"],
     "run --model vjm --data x.csv": ["x.csv", "--urdf"],
     "run --model vjm --output bytes": ["--output bytes", "is a file"],
     "run --model vjm --no-isolate --jobs 2": ["--no-isolate: --jobs 2 needs a process"],
