@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from stiff_bench.console import wrapped
+from stiff_bench.console import print_text, wrapped
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
@@ -17,12 +17,12 @@ NAME_COLUMN = 28
 def print_rows(heading: str, rows: Sequence[tuple[str, str]]) -> None:
     """Print names and their descriptions as two columns below a heading."""
     width = max((len(name) for name, _ in rows if len(name) <= NAME_COLUMN), default=0)
-    print(f"\n{heading}:")
+    print_text(f"\n{heading}:")
     for name, text in rows:
         if len(name) > width:
-            print(f"  {name}")
+            print_text(f"  {name}")
             name = ""
-        print(wrapped(text, f"  {name:<{width}}  ", " " * (width + 4)))
+        print_text(wrapped(text, f"  {name:<{width}}  ", " " * (width + 4)))
 
 
 def page_end(example: str) -> str:
@@ -48,13 +48,13 @@ class HelpPage:
 
     def render_usage(self, console: Any, options: Any, usage: Any) -> None:
         """Print the usage."""
-        print(f"Usage: {str(usage).strip()}")
+        print_text(f"Usage: {str(usage).strip()}")
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
         """Print the text of a command; lines of a list stay as they are."""
         for paragraph in _plain(description).split("\n\n"):
             is_list = paragraph.startswith(" ")
-            print("\n" + (paragraph if is_list else wrapped(" ".join(paragraph.split()))))
+            print_text("\n" + (paragraph if is_list else wrapped(" ".join(paragraph.split()))))
 
 
 def _plain(text: Any) -> str:

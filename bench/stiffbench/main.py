@@ -11,7 +11,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import stiffbench as sb
-from stiff_bench.console import say
+from stiff_bench.console import print_text, say
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
 from stiffbench.commands import COMMANDS, GROUPS, Command
 from stiffbench.help_page import HelpPage, page_end, print_rows
@@ -135,7 +135,7 @@ def command_app(command: Command) -> App:
 
 def print_overview(group: str) -> None:
     """Print the commands of `bench`, or of a group."""
-    print(f"Usage: {f'bench {group}'.strip()} COMMAND\n\n{GROUPS[group]}")
+    print_text(f"Usage: {f'bench {group}'.strip()} COMMAND\n\n{GROUPS[group]}")
     examples = []
     for heading, commands in COMMANDS.items():
         rows = dict[str, str]()
@@ -151,7 +151,7 @@ def print_overview(group: str) -> None:
     if not group:
         print_rows("Options", GENERAL_OPTIONS)
         examples = [examples[0], "bench run --help"]
-    print("\n" + page_end("\n".join(examples)))
+    print_text("\n" + page_end("\n".join(examples)))
 
 
 if __name__ == "__main__":
