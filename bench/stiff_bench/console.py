@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from stiff_protocols.contract.screen import one_line as one_line
 from stiff_protocols.contract.screen import printable as printable
 
+SCREEN = "screen"
+"""Format of tables for a terminal."""
 WIDEST_TEXT = 100
 """Characters of a line of text."""
 _CELLS = re.compile(r"\S {2,}\S|^\|")

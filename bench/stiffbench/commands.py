@@ -19,7 +19,14 @@ import stiff_bench
 import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
-from stiff_bench.console import print_markdown, print_prose, print_text, say, warnings_on_stderr
+from stiff_bench.console import (
+    SCREEN,
+    print_markdown,
+    print_prose,
+    print_text,
+    say,
+    warnings_on_stderr,
+)
 from stiff_bench.parameter_types import (
     Bounds,
     Device,
@@ -56,15 +63,8 @@ def show_text(result: object) -> int:
 
 def show_tables(tables: sb.Tables, fmt: Annotated[str, choose_format]) -> int:
     """Print tables in a format."""
-    print_text(tables.text_as(fmt), laid_out=_is_screen(fmt))
+    print_text(tables.text_as(fmt), laid_out=fmt == SCREEN)
     return 0
-
-
-def _is_screen(fmt: str) -> bool:
-    """Return whether tables are laid out for a terminal."""
-    from stiff_bench.tables.table import SCREEN  # not needed for the first help page
-
-    return fmt == SCREEN
 
 
 def show_nothing(status: int) -> int:
@@ -128,6 +128,17 @@ def _fit(
     return f"{output}: {model.report(samples, seed)}"
 
 
+def _predict(model: sb.Model, output: FilePath, **options: Any) -> str:
+    from tempfile import TemporaryDirectory  # 3 ms
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "rows.csv" if str(output) == "-" else Path(output)
+        n_rows = model.predict_file(output=file, **options)
+        if file != output:
+            return file.read_text(encoding="utf-8").removesuffix("\n")
+    return f"{counted(n_rows, 'row')} predicted"
+
+
 def _compensate(
     model: sb.Model,
     output: FilePath,
@@ -142,7 +153,7 @@ def _compensate(
     for name in options.keys() - inspect.signature(compensate).parameters.keys():
         raise ConfigError(f"does not go with --{kind}", name.replace("_", "-"))
     warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
-    return repr(compensate(model, path or program, output, **options))
+    return repr(compensate(model, path or program or "", output, **options))
 
 
 def _run(
@@ -217,7 +228,7 @@ def execute(
     facts = api.evaluation.run_facts(results)
     if (board := run.board(results)) is not None:
         show_tables(board, fmt)
-    elif _is_screen(fmt) and answer:
+    elif fmt == SCREEN and answer:
         facts[0] = f"Fits: {facts[0].replace(';', ',')}"
         print_text(results.screen(*facts, verbose=verbose), laid_out=True)
         facts = []
@@ -532,7 +543,7 @@ COMMANDS = {
         ),
         Command("report", "report", "--output report.html", _report),
         Command("figure", "", "regression --output regression.pdf", _figure),
-        Command("table", "paper_table", "10", _table, show_tables),
+        Command("table", "paper_table", "10", _table, show_tables, ("command",)),
         Command("merge", "merge", "laptop/runs server/runs --output results/runs"),
         Command(
             "results add",
@@ -553,7 +564,8 @@ COMMANDS = {
             "predict",
             "Model.predict_file",
             "--model my.stiff --input poses.csv --output deflections.csv",
-            show=show_rows,
+            _predict,
+            without=("self",),
         ),
         Command(
             "path example",

@@ -31,10 +31,6 @@ GENERAL_OPTIONS = (
 class Stopped(BaseException):
     """A signal asked the process to end; no failure of a cell, so no cell may catch it."""
 
-    def __init__(self, number: int) -> None:
-        """Remember the signal's number."""
-        self.number = number
-
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with its exit status.
@@ -49,7 +45,7 @@ def main(arguments: list[str] | None = None) -> None:
         status = run([word for word in words if word != "--debug"])
     except (KeyboardInterrupt, Stopped) as stopped:
         say(INTERRUPTION)
-        status = 128 + getattr(stopped, "number", signal.SIGINT)
+        status = 128 + (stopped.args[0] if isinstance(stopped, Stopped) else signal.SIGINT)
     except Exception as error:
         if debug:
             raise

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
+from stiff_bench.console import SCREEN
 from stiff_bench.parameter_types import Bounds, Bytes, FilePath, Folder, Form, Point
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
@@ -146,8 +147,6 @@ def choose_format(fmt: Literal["github", "latex", "csv", "html", "json"] | None 
     Args:
         fmt: format of tables; by default github, and on a terminal tables that fit it.
     """
-    from stiff_bench.tables.table import SCREEN
-
     return fmt or (SCREEN if sys.stdout.isatty() else "github")
 
 

@@ -60,9 +60,10 @@ class Option:
     @property
     def maker(self) -> Callable[..., Any] | None:
         """Return the function that makes the value; None: a word gives it."""
-        names = (part.__name__ for part in self.types if isinstance(part, type))
+        functions = [part for part in self.types if inspect.isfunction(part)]
+        names = [part.__name__ for part in self.types if isinstance(part, type)]
         makers = [MAKERS[name] for name in names if name in MAKERS]
-        return next(iter([*filter(inspect.isfunction, self.types), *makers]), None)
+        return next(iter([*functions, *makers]), None)
 
     @property
     def form(self) -> Form:

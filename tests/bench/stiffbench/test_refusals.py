@@ -45,6 +45,7 @@ REFUSED = {
     f"{PREDICT} out.xlsx": [".csv, .parquet"],
     "show vjm@tcp=fit": ["'vjm@tcp=fit'", "'vjm'"],
     "compare a b --results folder": ["--results folder", "no results"],
+    "table 3 --results folder": ["table 3 is fitted here and reads none"],
     "table 9 --results none": ["--results none", "bench reproduce"],
     "report --results folder --output page.pdf": ["page.pdf", ".html or .htm"],
     "reproduce intervls": ["unknown study 'intervls'", "did you mean 'intervals'"],
