@@ -43,7 +43,6 @@ from stiffbench.options import (
     Execution,
     Limits,
     choose_format,
-    choose_refits,
     command_line,
     find_own_data,
     select,
@@ -61,15 +60,15 @@ def show_text(result: object) -> int:
     return 0
 
 
-def show_tables(tables: sb.Tables, fmt: Annotated[str, choose_format]) -> int:
+def show_tables(result: sb.Tables, fmt: Annotated[str, choose_format]) -> int:
     """Print tables in a format."""
-    print_text(tables.text_as(fmt), laid_out=fmt == SCREEN)
+    print_text(result.text_as(fmt), laid_out=fmt == SCREEN)
     return 0
 
 
-def show_nothing(status: int) -> int:
+def show_nothing(result: int) -> int:
     """Return the status of a command that prints its results itself."""
-    return status
+    return result
 
 
 def show_report(result: Any) -> int:
@@ -77,19 +76,19 @@ def show_report(result: Any) -> int:
     return show_text(result.report)
 
 
-def show_rows(number: int) -> int:
+def show_rows(result: int) -> int:
     """Print the number of written rows."""
-    return show_text(f"{counted(number, 'row')} written")
+    return show_text(f"{counted(result, 'row')} written")
 
 
-def show_check(results: Any) -> int:
+def show_check(result: Any) -> int:
     """Print the outcomes of checks; return 1 if one failed."""
-    return show_text(results) or int(not results.passed)
+    return show_text(result) or int(not result.passed)
 
 
-def show_validation(report: Any) -> int:
+def show_validation(result: Any) -> int:
     """Print a report; return the number of its verdict."""
-    return show_text(report) or ("ok", "suspicious", "invalid").index(report.verdict)
+    return show_text(result) or ("ok", "suspicious", "invalid").index(result.verdict)
 
 
 def _fit(
@@ -387,9 +386,11 @@ def _submit(
 
 def _verify(
     folders: Annotated[Sequence[Path], Form("DIR...")],
-    refits: Annotated[api.submissions.Refits, choose_refits],
+    limits: Limits,
     study: str = "leaderboard",
     write: bool = False,
+    seed: Annotated[int, Bounds(at_least=0, at_most=2**32)] | None = None,
+    share: Annotated[float, Form("FRACTION"), Bounds(above=0.0, at_most=1.0)] = 0.1,
 ) -> int:
     """Verify submissions to the leaderboard.
 
@@ -402,7 +403,13 @@ def _verify(
         folders: folders of submissions.
         study: study, or a file such as my_study.toml.
         write: store the outcome in the folder, for the leaderboard's column of status.
+        seed: seed of the choice; by default random, and printed.
+        share: share of the fits that are computed again, at least two.
     """
+    import secrets  # 10 ms
+
+    seed = secrets.randbelow(2**31) if seed is None else seed
+    refits = api.submissions.Refits(seed, share, limits.timeout, limits.memory, limits.jobs)
     outcomes = set()
     for folder in folders:
         verification = api.submissions.VerificationRun(folder, study, refits)
@@ -425,7 +432,7 @@ class Command:
             `stiff_bench`: the first docstring is its help, all have the texts of its options.
         options: options of an example; a line per example.
         call: function to call; None: the public function.
-        show: function that prints the result and returns the exit status; its further parameters
+        show: function that prints its `result` and returns the exit status; its further parameters
             are options, too.
         without: parameters that are not options.
     """
@@ -474,8 +481,7 @@ class Command:
             for module, name in self.places
         ]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
-        result_name = next(iter(inspect.signature(self.show).parameters))
-        show = CommandFunction(self.show, without=(result_name,))
+        show = CommandFunction(self.show, without=("result",))
         plugins = CommandFunction(use_plugins)
         plugin_options = plugins.options if self.words in WITH_PLUGINS else {}
         options = {**body.all_options(), **show.all_options(), **plugin_options}
@@ -488,9 +494,6 @@ class Command:
                 return int(show(given, body(given)))
 
         call.__signature__ = signature  # type: ignore[attr-defined]
-        call.__annotations__ = {
-            name: parameter.annotation for name, parameter in signature.parameters.items()
-        }
         docs = (function.__doc__ for function in (self.call, *public) if function is not None)
         call.__doc__ = spell_options(next(filter(None, docs)), options)
         return call

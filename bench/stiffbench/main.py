@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 INTERRUPTION = "interrupted. Results so far are saved; run the same command to continue."
 USAGE_ERROR, CELLS_FAILED = 2, 1
+BY_WORDS = {command.words: command for commands in COMMANDS.values() for command in commands}
 HELP_FLAGS = ("-h", "--help")
 GENERAL_OPTIONS = (
     ("--debug", "Show the traceback of an error; valid for every command."),
@@ -69,31 +70,22 @@ def run(words: list[str]) -> int:
     Raises:
         ConfigError: a word is wrong.
     """
+    for length in (1, 2):
+        if command := BY_WORDS.get(" ".join(words[:length])):
+            return run_command(command, words[length:])
     group = words[0] if words and words[0] in GROUPS else ""
-    name, *options = words[bool(group) :] or [""]
-    if name == "--version" and not group:
+    name = next(iter(words[bool(group) :]), "")
+    if words == ["--version"]:
         print(f"bench, version {sb.__version__}")
-    elif not name:
-        with contextlib.redirect_stdout(sys.stderr):
+    elif name in ("", *HELP_FLAGS):
+        with contextlib.redirect_stdout(sys.stdout if name else sys.stderr):
             print_overview(group)
-        return USAGE_ERROR
-    elif name in HELP_FLAGS:
-        print_overview(group)
+        return 0 if name else USAGE_ERROR
     else:
-        return run_command(find_command(group, name), options)
+        paths = [command.split() for command in BY_WORDS]
+        names = {path[-1] if group else path[0] for path in paths if group in ("", path[0])}
+        raise unknown_name(f"{f'bench {group}'.strip()} command", name, names)
     return 0
-
-
-def find_command(group: str, name: str) -> Command:
-    """Return a command of a group; ConfigError: there is none of this name."""
-    words = f"{group} {name}".strip()
-    commands = {command.words: command for listed in COMMANDS.values() for command in listed}
-    if words not in commands:
-        names = [key.partition(" ")[0] for key in commands]
-        if group:
-            names = [key.partition(" ")[2] for key in commands if key.startswith(f"{group} ")]
-        raise unknown_name(f"{f'bench {group}'.strip()} command", name, {*names})
-    return commands[words]
 
 
 def run_command(command: Command, options: list[str]) -> int:

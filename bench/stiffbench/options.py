@@ -196,23 +196,6 @@ class Limits:
     memory: Bytes = 4 * 2**30
 
 
-def choose_refits(
-    limits: Limits,
-    seed: Annotated[int, Bounds(at_least=0, at_most=2**32)] | None = None,
-    share: Annotated[float, Form("FRACTION"), Bounds(above=0.0, at_most=1.0)] = 0.1,
-) -> api.submissions.Refits:
-    """Choose the fits that a verification computes again.
-
-    Args:
-        seed: seed of the choice; by default random, and printed.
-        share: share of the fits that are computed again, at least two.
-    """
-    import secrets  # 10 ms
-
-    seed = secrets.randbelow(2**31) if seed is None else seed
-    return api.submissions.Refits(seed, share, limits.timeout, limits.memory, limits.jobs)
-
-
 MAKERS: dict[str, Callable[..., Any]] = {
     "Dataset": find_dataset,
     "Execution": Execution,

@@ -60,10 +60,12 @@ class Option:
     @property
     def maker(self) -> Callable[..., Any] | None:
         """Return the function that makes the value; None: a word gives it."""
-        functions = [part for part in self.types if inspect.isfunction(part)]
         names = [part.__name__ for part in self.types if isinstance(part, type)]
-        makers = [MAKERS[name] for name in names if name in MAKERS]
-        return next(iter([*functions, *makers]), None)
+        makers: list[Callable[..., Any]] = [
+            *filter(inspect.isfunction, self.types),
+            *(MAKERS[name] for name in names if name in MAKERS),
+        ]
+        return makers[0] if makers else None
 
     @property
     def form(self) -> Form:
