@@ -135,7 +135,8 @@ def _predict(model: sb.Model, output: FilePath, **options: Any) -> str:
         n_rows = model.predict_file(output=file, **options)
         if file != output:
             return file.read_text(encoding="utf-8").removesuffix("\n")
-    return f"{counted(n_rows, 'row')} predicted"
+    robot = model.fitted.robot_.name
+    return f"{output}: {counted(n_rows, 'row')} predicted by {model.name}, robot {robot}"
 
 
 def _compensate(
@@ -152,7 +153,9 @@ def _compensate(
     for name in options.keys() - inspect.signature(compensate).parameters.keys():
         raise ConfigError(f"does not go with --{kind}", name.replace("_", "-"))
     warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
-    return repr(compensate(model, path or program or "", output, **options))
+    corrected = compensate(model, path or program or "", output, **options)
+    files = ", ".join(map(str, getattr(corrected, "files", (output,))))
+    return f"{corrected!r}\n{files}: {model.name}, robot {model.fitted.robot_.name}"
 
 
 def _run(

@@ -90,13 +90,16 @@ def run(words: list[str]) -> int:
 
 def run_command(command: Command, options: list[str]) -> int:
     """Run a command and return its exit status; ConfigError: a word is wrong."""
-    from cyclopts import CycloptsError
+    from cyclopts import CycloptsError, UnusedCliTokensError
 
     app = command_app(command)
     try:
         return int(app(options) or 0)
     except CycloptsError as error:
-        raise ConfigError(f"{error} Example: {command.example.splitlines()[0]}") from error
+        text = str(error)
+        if isinstance(error, UnusedCliTokensError):
+            text = f"superfluous: {' '.join(map(repr, error.unused_tokens or ()))}."
+        raise ConfigError(f"{text} Example: {command.example.splitlines()[0]}") from error
 
 
 def command_app(command: Command) -> App:
