@@ -195,8 +195,7 @@ def _run(
         lite: run the short version of the study: few robots, one split.
         against: also show results of other models; `published`: the results in the repository.
         output: folder that stores the results.
-        plan_only: only estimate: print how many fits are missing and how long they take. One fit
-            per new model is timed.
+        plan_only: print how many fits are missing and, from stored fits, how long they take.
         paper: on a terminal, print the source paper's table: MAE, STDE and ME.
         verbose: also print a table of each data set, and what fits report, such as stiffnesses.
     """
@@ -287,8 +286,7 @@ def _reproduce(
         output: folder to write to; the study gets a folder in it.
         write_only: compute nothing; write from stored results.
         site: also write the web pages of the study's leaderboard to this folder.
-        plan_only: only estimate: print how many fits are missing and how long they take. One fit
-            per new model is timed.
+        plan_only: print how many fits are missing and, from stored fits, how long they take.
     """
     command = command_line(without="--site")  # the page of results is the same with web pages
     run = api.evaluation.reproduction(

@@ -57,36 +57,14 @@ class Run:
         return list(cell_tasks(*self.plans))
 
     def forecast(self) -> Tables:
-        """Return a forecast of the fits per model, and of the total time.
+        """Return the numbers of stored and missing fits per model, and the expected time."""
+        from stiff_bench.analysis.forecast import forecast
 
-        For models without a stored fit, one fit per data set is timed, except on a cluster.
-        """
-        from stiff_bench.analysis.forecast import (
-            LONGEST_FIT_S,
-            LONGEST_S,
-            forecast,
-            forecast_line,
-            forecast_table,
-            time_fits,
-            untimed_fits,
+        plan, execution = self.plans[0], self.execution
+        table, line = forecast(
+            self.tasks, plan.output, rerun=execution.rerun, jobs=execution.at_once
         )
-
-        plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
-        untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
-        facts, timed = self.execution.facts, list[CellResult]()
-        if untimed and not facts["dask"]:
-            n_models = len({task.presentation.model for task in untimed})
-            say(
-                f"timing a fit of {counted(n_models, 'model')} without a stored one, for at most "
-                f"{LONGEST_S + LONGEST_FIT_S:g} s"
-            )
-            timing = chosen_execution(
-                plan, registry(), threads=int(facts["threads"]), timeout=LONGEST_FIT_S
-            )
-            timed = time_fits(untimed, timing)
-        forecasts = forecast(self.tasks, plan.output, rerun=rerun, timed=timed)
-        tables = [forecast_table(forecasts, jobs)]
-        return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
+        return Tables([table], plan.command, line)
 
     def board(self, results: Results) -> Tables | None:
         """Return tables to print instead of the results; None: print the results."""
