@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from stiff_bench.api.registered import list_models as list_models
     from stiff_bench.api.registered import list_protocols as list_protocols
     from stiff_bench.api.registered import show as show
-    from stiff_bench.api.registered import use_plugin as use_plugin
     from stiff_bench.api.robot_programs import compensate_program as compensate_program
     from stiff_bench.api.robots import load_robot as load_robot
     from stiff_bench.api.robots import read_robot as read_robot
@@ -47,6 +46,7 @@ if TYPE_CHECKING:
     from stiff_bench.api.tool_paths import compensate_path as compensate_path
     from stiff_bench.api.tool_paths import example_path as example_path
     from stiff_bench.page.report import report as report
+    from stiff_bench.plan.registry import use_plugin as use_plugin
     from stiff_bench.results.results import Results as Results
     from stiff_bench.results.results import open_results as open_results
     from stiff_bench.results.selection import Selection as Selection
@@ -67,13 +67,14 @@ _PLACES = {
     "stiff_bench.api.records": ("export_results",),
     "stiff_bench.api.registered": (
         *("check", "list_datasets", "list_figures", "list_metrics"),
-        *("list_models", "list_protocols", "show", "use_plugin"),
+        *("list_models", "list_protocols", "show"),
     ),
     "stiff_bench.api.robot_programs": ("compensate_program",),
     "stiff_bench.api.robots": ("load_robot", "read_robot"),
     "stiff_bench.api.stiffness_maps": ("StiffnessMap", "stiffness_map"),
     "stiff_bench.api.tool_paths": ("compensate_path", "example_path"),
     "stiff_bench.page.report": ("report",),
+    "stiff_bench.plan.registry": ("use_plugin",),
     "stiff_bench.results.results": ("Results", "open_results"),
     "stiff_bench.results.selection": ("Selection",),
     "stiff_bench.store.merging": ("merge",),

@@ -6,10 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.cells import CellTask, RunPlan, plan_run
 from stiff_bench.plan.options import choices
 from stiff_bench.plan.registry import Registry, build_registry
-from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.run.cell import compute_cell
 from stiff_protocols.contract.record import CellResult
 

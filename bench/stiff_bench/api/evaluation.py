@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
-from stiff_bench.api.registered import registry
 from stiff_bench.console import say
 from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed, Setting
-from stiff_bench.plan.cells import CellTask, cell_tasks
+from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks, plan_run, with_reference
 from stiff_bench.plan.options import Choice, Chosen, choices
-from stiff_bench.plan.request import RunPlan, plan_run, with_reference
+from stiff_bench.plan.registry import registry
 from stiff_bench.results.results import Results
 from stiff_bench.run.cell import Execution
 from stiff_bench.run.machine import pinned, usable_cores
-from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_bench.tables.units import counted, first_few
@@ -78,8 +76,7 @@ class Run:
             task.presentation.warning for task in tasks if task.presentation.warning
         ):
             say(f"warning: {warning}")
-        with display() as progress:
-            finished = run_cells(tasks, plan.command, store, self.execution, progress)
+        finished = run_cells(tasks, plan.command, store, self.execution)
         metrics = tuple(metric.key for metric in plan.metrics)
         return Results(plan.output, metrics, plan.command, finished)
 

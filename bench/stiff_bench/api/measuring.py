@@ -15,8 +15,8 @@ from stiff_bench.api.model import model_choice
 from stiff_bench.api.robots import as_robot, payload_of, robot_words, shipped_name
 from stiff_bench.console import say
 from stiff_bench.parameter_types import Bounds, Count, FilePath, Form, PoseTolerance, Seed
+from stiff_bench.plan.cells import loaded
 from stiff_bench.plan.options import measured_file
-from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
 from stiff_bench.tables.writers import Text
 from stiff_datasets.measured import validation_report as validation

@@ -5,14 +5,13 @@ Modules that need numpy or pydantic are imported at their use, so that lists of 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import cache
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiff_bench.console import wrapped
 from stiff_bench.parameter_types import Folder, Setting
-from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.plan.registry import registry
 from stiff_bench.tables.table import Column, Entry, Name, Table
 from stiff_bench.tables.units import PRINTED
 from stiff_bench.tables.writers import Tables, Text, plain_text
@@ -28,28 +27,6 @@ from stiff_protocols.contract.plugin import (
 if TYPE_CHECKING:
     from stiff_bench.model_tools.plugins import CheckResults
     from stiff_bench.plan.options import Option
-
-
-@cache
-def registry() -> Registry:
-    """Return the registry of models, data sets and protocols, including plugins."""
-    return build_registry()
-
-
-def use_plugin(file: Path | str) -> None:
-    """Import a plugin file that defines MODELS, DATASETS or PROTOCOLS.
-
-    Raises:
-        ConfigError: the file cannot be imported, or a key is already used.
-    """
-    registry().add_file(Path(file))
-
-
-def use_only(plugins: Iterable[Path]) -> None:
-    """Replace the plugins of files by these."""
-    registry.cache_clear()
-    for file in plugins:
-        use_plugin(file)
 
 
 def list_models() -> Tables:

@@ -17,9 +17,9 @@ from typing import Any
 from unittest import mock
 
 from stiff_bench.console import wrapped
+from stiff_bench.plan.cells import loaded
 from stiff_bench.plan.options import Choice, chosen, chosen_dataset
 from stiff_bench.plan.registry import OURS, Info, Kind, Registry
-from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.model_file import load, save

@@ -14,7 +14,6 @@ import pytest
 from sklearn.base import BaseEstimator
 
 import stiffbench as sb
-from stiff_bench.api import registered
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.paper.paper_figures import FIGURES as PAPERS
 from stiff_datasets.measured.sheet_files import sample_table, write_table
@@ -326,11 +325,11 @@ def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
 
 
 def test_a_plugins_file_is_named_after_use_plugin(plugin_file, twin):
-    registered.registry.cache_clear()
+    registry.cache_clear()
     sb.use_plugin(plugin_file("still"))
     assert sb.make_model("still").fit(twin).predict(np.zeros((2, 6)), np.zeros((2, 6))).any()
     assert "still" in set(sb.list_models().frame()["key"])
-    registered.registry.cache_clear()
+    registry.cache_clear()
 
 
 def test_every_figure_is_listed_with_what_it_shows():
