@@ -224,8 +224,8 @@ def evaluate(
         metrics: metric of the tables, see `bench list metrics`; by default mae, stde and me, and
             for tool paths norm, norm-p95, norm-max and removed; may be repeated.
         coverage: coverage (0..1) of prediction intervals, per axis; by default 0.9.
-        jobs: number of fits at the same time, each in a separate process. Classes defined in a
-            script or notebook are fitted in this process.
+        jobs: number of fits at the same time, each in a separate process, for which a script needs
+            `if __name__ == "__main__":`. Classes of a script or notebook are fitted in this one.
         device: device that networks run on.
         output: folder to store the results; stored results are not computed again. None: the
             results are deleted with the `Results` object.

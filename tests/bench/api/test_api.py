@@ -315,16 +315,6 @@ def test_classes_of_a_script_run_but_are_never_kept(twin, tmp_path):
 
 
 @pytest.mark.slow
-def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
-    text = (
-        "print('begun')\n"
-        "import stiffbench as sb\n"
-        "results = sb.evaluate(['vjm', 'knn'], splits=2, jobs=2)\n"
-        "print({fit.status for fit in results.fits}, len(results))\n"
-    )
-    assert script(tmp_path, text) == ["begun", "{'ok'} 4"]
-
-
 def test_a_plugins_file_is_named_after_use_plugin(plugin_file, twin):
     registry.cache_clear()
     sb.use_plugin(plugin_file("still"))
