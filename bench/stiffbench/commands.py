@@ -206,9 +206,9 @@ def _run(
             if value:
                 raise ConfigError("requires --study", word)
         run = api.evaluation.prepare_run(
-            models,
             [*datasets, *data] or [api.evaluation.DEFAULT_DATASET],
-            options.pop("protocol", ("holdout",)),
+            models=models,
+            protocols=options.pop("protocol", ("holdout",)),
             settings=settings,
             how=how,
             **about,

@@ -16,8 +16,8 @@ from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.console import say
 from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed, Setting
-from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks, plan_run, with_reference
-from stiff_bench.plan.options import Choice, Chosen, choices
+from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks, plan_run
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import registry
 from stiff_bench.results.results import Results
 from stiff_bench.run.cell import Execution
@@ -28,7 +28,7 @@ from stiff_bench.tables.units import counted, first_few
 from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.record import CellResult
 
 if TYPE_CHECKING:
@@ -141,34 +141,18 @@ class RunAgainst(Run):
 
 
 def prepare_run(
-    models: Sequence[str | Choice[ModelInfo]],
-    datasets: Sequence[str | Dataset],
-    protocols: Sequence[str],
-    *,
-    settings: Sequence[str] = (),
-    how: Mapping[str, Any],
-    **planned: Any,
+    datasets: Sequence[str | Dataset], *, how: Mapping[str, Any], **planned: Any
 ) -> Run:
     """Return a checked run.
 
-    `settings` are options of the models, data sets and protocols. `how` has the arguments of
-    `chosen_execution`, `planned` the arguments of `plan_run`.
+    `how` has the arguments of `chosen_execution`, `planned` those of `plan_run`.
     """
-    chosen = with_reference(_chosen(models, datasets, protocols, settings), registry())
-    plan = plan_run(chosen, registry(), **planned)
+    plan = plan_run(registry(), datasets=_choices(datasets), with_reference=True, **planned)
     return Run([plan], chosen_execution(plan, registry(), **how))
 
 
-def _chosen(
-    models: Sequence[str | Choice[ModelInfo]],
-    datasets: Sequence[str | Dataset],
-    protocols: Sequence[str],
-    settings: Sequence[str],
-) -> Chosen:
-    data_sets = [word.choice if isinstance(word, Dataset) else word for word in datasets]
-    return choices(
-        registry(), models=models, datasets=data_sets, protocols=protocols, settings=settings
-    )
+def _choices(datasets: Sequence[str | Dataset]) -> list[str | Choice[DatasetInfo]]:
+    return [word.choice if isinstance(word, Dataset) else word for word in datasets]
 
 
 def model_and_data(
@@ -191,8 +175,14 @@ def model_and_data(
     """
     if len(datasets) != 1:
         raise ConfigError("give either --dataset KEY or --data FILE.csv")
-    chosen = _chosen(models, datasets, (), settings)
-    plan = plan_run(chosen, registry(), output=Path(), device=device)
+    plan = plan_run(
+        registry(),
+        models=models,
+        datasets=_choices(datasets),
+        settings=settings,
+        output=Path(),
+        device=device,
+    )
     if len(plan.models) != 1:
         raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
     return Model(plan.models[0]), Dataset(plan.datasets[0])
@@ -251,9 +241,9 @@ def evaluate(
     ]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     run = prepare_run(
-        model_choices,
         data,
-        _listed(protocol),
+        models=model_choices,
+        protocols=_listed(protocol),
         metrics=metrics,
         coverage=coverage,
         splits=splits,
@@ -362,7 +352,7 @@ def run_of_study(
     if lite:
         study = study.lite_version()
     if models:
-        study = study.with_models(with_reference_word(models))
+        study = study.with_models([*dict.fromkeys([REFERENCE_MODEL, *models])])
     plans = study.plans(registry(), output=output, command=command)
     execution = chosen_execution(plans[0], registry(), **how)
     if published is None:
@@ -381,11 +371,6 @@ def run_facts(results: Results) -> list[str]:
     if old := len(finished.cached.intersection(failed)):
         lines.append(f"{old} of the failures are of earlier runs; --rerun failed repeats them")
     return lines
-
-
-def with_reference_word(models: Sequence[str]) -> list[str]:
-    """Return names of models with the reference model first."""
-    return [*dict.fromkeys([REFERENCE_MODEL, *models])]
 
 
 def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reproduction:

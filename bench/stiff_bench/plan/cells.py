@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 from stiff_bench.console import say
 from stiff_bench.plan.options import (
     Choice,
-    Chosen,
     TunedChoice,
+    chosen,
     chosen_dataset,
     options_of,
     parse_option,
@@ -81,10 +81,14 @@ class RunPlan:
 
 
 def plan_run(
-    requested: Chosen,
     registry: Registry,
     *,
+    models: Sequence[str | Choice[ModelInfo]],
+    datasets: Sequence[str | Choice[DatasetInfo]],
+    protocols: Sequence[str] = (),
+    settings: Sequence[str] = (),
     output: Path,
+    with_reference: bool = False,
     metrics: Sequence[str] = (),
     splits: int | None = None,
     seed: int = 0,
@@ -95,9 +99,13 @@ def plan_run(
     """Check a run and return its plan.
 
     Args:
-        requested: the models, data sets and protocols.
-        registry: knows the data sets that protocols name as sources.
+        registry: knows the keys, also those that protocols name as sources.
+        models: words ``KEY@OPTION=VALUE@...``, or choices; see `chosen`.
+        datasets: the same of data sets.
+        protocols: the same of protocols.
+        settings: ``KEY.option=value`` words.
         output: folder of the results.
+        with_reference: True to run the reference model before the others.
         metrics: keys.
         splits: number of splits; None: the protocol's own.
         seed: of splits and models.
@@ -108,35 +116,31 @@ def plan_run(
     Raises:
         ConfigError: an option or a value is wrong.
     """
+    if not models:
+        raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
+    choices = chosen(
+        {"model": models, "dataset": datasets, "protocol": protocols}, settings, registry
+    )
+    if with_reference and REFERENCE_MODEL not in (model.name for model in choices["model"]):
+        choices["model"].insert(0, Choice.of(registry.model(REFERENCE_MODEL)))
     scored = tuple(metric(key) for key in dict.fromkeys(metrics))
     coverage = _coverage(coverage, scored)
-    models = _different([_on_device(choice, device) for choice in requested.models])
-    for model in models:
-        check_model(model)
-    datasets, protocols = _different(requested.datasets), _different(requested.protocols)
-    for dataset in datasets:
-        _made(dataset, "load")
-    sources = _sources(protocols, registry)
-    return RunPlan(
-        models=models,
-        datasets=datasets,
-        protocols=protocols,
+    plan = RunPlan(
+        models=_different([_on_device(choice, device) for choice in choices["model"]]),
+        datasets=_different(choices["dataset"]),
+        protocols=_different(choices["protocol"]),
         metrics=scored,
         splits=splits,
         seed=seed,
         output=output,
         command=command,
         coverage=coverage,
-        sources=sources,
     )
-
-
-def with_reference(requested: Chosen, registry: Registry) -> Chosen:
-    """Return what is chosen, with the reference model before the others."""
-    info = registry.model(REFERENCE_MODEL)
-    if REFERENCE_MODEL in (model.name for model in requested.models):
-        return requested
-    return replace(requested, models=[Choice.of(info), *requested.models])
+    for model in plan.models:
+        check_model(model)
+    for dataset in plan.datasets:
+        _made(dataset, "load")
+    return replace(plan, sources=_sources(plan.protocols, registry))
 
 
 def _different(choices: Sequence[Choice[Info]]) -> tuple[Choice[Info], ...]:
