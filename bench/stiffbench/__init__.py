@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from stiff_bench.api.pictures import paper_table as paper_table
     from stiff_bench.api.postures import rank_postures as rank_postures
     from stiff_bench.api.records import export_results as export_results
-    from stiff_bench.api.registered import check as check
     from stiff_bench.api.registered import list_datasets as list_datasets
     from stiff_bench.api.registered import list_figures as list_figures
     from stiff_bench.api.registered import list_metrics as list_metrics
@@ -45,6 +44,7 @@ if TYPE_CHECKING:
     from stiff_bench.api.stiffness_maps import stiffness_map as stiffness_map
     from stiff_bench.api.tool_paths import compensate_path as compensate_path
     from stiff_bench.api.tool_paths import example_path as example_path
+    from stiff_bench.model_tools.plugins import check as check
     from stiff_bench.page.report import report as report
     from stiff_bench.plan.registry import use_plugin as use_plugin
     from stiff_bench.results.results import Results as Results
@@ -66,13 +66,14 @@ _PLACES = {
     "stiff_bench.api.postures": ("rank_postures",),
     "stiff_bench.api.records": ("export_results",),
     "stiff_bench.api.registered": (
-        *("check", "list_datasets", "list_figures", "list_metrics"),
+        *("list_datasets", "list_figures", "list_metrics"),
         *("list_models", "list_protocols", "show"),
     ),
     "stiff_bench.api.robot_programs": ("compensate_program",),
     "stiff_bench.api.robots": ("load_robot", "read_robot"),
     "stiff_bench.api.stiffness_maps": ("StiffnessMap", "stiffness_map"),
     "stiff_bench.api.tool_paths": ("compensate_path", "example_path"),
+    "stiff_bench.model_tools.plugins": ("check",),
     "stiff_bench.page.report": ("report",),
     "stiff_bench.plan.registry": ("use_plugin",),
     "stiff_bench.results.results": ("Results", "open_results"),

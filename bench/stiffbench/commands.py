@@ -710,11 +710,11 @@ COMMANDS = {
         Command("show", "api.registered:show", "bench show vjm-gp", show=_show_description),
         Command(
             "check",
-            "api.registered:check",
+            "model_tools.plugins:check",
             "bench check my-model --plugin my_model.py",
             show=_show_check,
         ),
-        Command("new model", "api.registered:new_model", "bench new model my-model"),
+        Command("new model", "model_tools.plugins:new_model", "bench new model my-model"),
     ],
     "Take part in the leaderboard": [
         Command(

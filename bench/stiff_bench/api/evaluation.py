@@ -145,7 +145,7 @@ def prepare_run(
 ) -> Run:
     """Return a checked run.
 
-    `how` has the arguments of `chosen_execution`, `planned` those of `plan_run`.
+    `how` has the arguments of `chosen_execution`, `planned` the arguments of `plan_run`.
     """
     plan = plan_run(registry(), datasets=_choices(datasets), with_reference=True, **planned)
     return Run([plan], chosen_execution(plan, registry(), **how))

@@ -111,7 +111,7 @@ class NotebookDisplay(Display):
     _output: Any = None
 
     def close(self, seconds: float) -> None:
-        """Replace the line with the counts, after so many seconds."""
+        """Replace the line with the counts, and the seconds that the work took."""
         if self._output is not None:
             self._show_line(f"{self._counts or 'done'} in {seconds:.0f} s")
 
