@@ -113,9 +113,8 @@ def parse_option(source_text: str, key: str, cls: type, name: str, value: Any) -
         ) from None
     except ValidationError as error:
         value_errors = (item for item in error.errors() if item["type"] == "value_error")
-        reasons = "".join(
-            f": {item['ctx']['error']}" for item in value_errors
-        )  # pydantic's words are for programmers
+        # pydantic's own words are for programmers
+        reasons = "".join(f": {item['ctx']['error']}" for item in value_errors)
         wrong = f"{source_text}: invalid {name} {given!r}{reasons}"
         raise ConfigError(f"{wrong} (valid: {option.type_text})") from None
     if isinstance(parsed_value, float) and not math.isfinite(parsed_value):

@@ -68,9 +68,9 @@ class Display:
     def step(self, progress: Progress) -> None:
         """Move the second bar; a new phase restarts its clock."""
         loss = "" if progress.loss is None else f", loss {progress.loss:.3g}"
-        note, is_new = f"{progress.step}/{progress.total}{loss}", self._begun is None
-        if self._begun != (progress.phase, progress.total):
-            self._begun, is_new = (progress.phase, progress.total), True
+        note = f"{progress.step}/{progress.total}{loss}"
+        if is_new := self._begun != (progress.phase, progress.total):
+            self._begun = (progress.phase, progress.total)
             name = f"  {progress.phase}"
             self._bars.reset(self._phase, description=name, total=progress.total, visible=True)
         self._bars.update(self._phase, completed=progress.step, note=note)
