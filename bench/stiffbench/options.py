@@ -138,7 +138,9 @@ def use_plugins(plugin: Sequence[Path] = ()) -> None:
     Args:
         plugin: Python file with your MODELS, DATASETS or PROTOCOLS; may be repeated.
     """
-    api.registered.use_only(plugin)
+    from stiff_bench.plan.registry import use_only
+
+    use_only(plugin)
 
 
 def choose_format(fmt: Literal["github", "latex", "csv", "html", "json"] | None = None) -> str:
