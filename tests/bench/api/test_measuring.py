@@ -48,7 +48,7 @@ def test_from_the_plan_to_results_with_ones_own_file(tmp_path, home, kr10):
     filled_in(tmp_path / "my.csv", kr10)
     assert "every torque is zero" in bench("data", "validate", "my.csv", status=1)
     checked = bench("data", "validate", "my.csv", "--no-torque")
-    assert checked.startswith("my.csv: ok") and "kr10-r1100-2, the default" in checked
+    assert checked.startswith("my.csv: ok")
     bench("data", "register", "my.csv", "--dataset", "kr10-measured")
     assert "no file registered" not in bench("list", "datasets")
     run = ("run", "--model", "vjm", "--output")

@@ -32,7 +32,7 @@ HACKS = (
     "</script><script>document.title='hacked'</script>",
     "&lt;img src=x onerror=document.title='hacked'&gt;",
 )
-CHANGE = "vs VJM [%]"
+RATIO = "error / VJM's"
 N_MORE = 15  # models, so that a table has a second page
 
 
@@ -75,11 +75,11 @@ def browser(opened, page):
 
 def test_a_heading_sorts_its_column_by_numbers_and_shows_the_direction(browser):
     models = browser.find_element("css selector", "table.sorted")
-    title = heading(models, CHANGE)
+    title = heading(models, RATIO)
     for direction, sign in (("ascending", 1), ("descending", -1)):
         title.click()
         wait_until_sorted(browser, title, direction)
-        numbers = [float(text) for text in column(browser, models, CHANGE) if text != "-"]
+        numbers = [float(text) for text in column(browser, models, RATIO) if text != "-"]
         assert numbers == sorted(numbers, key=lambda number: sign * number) and len(numbers) > 5
 
 
