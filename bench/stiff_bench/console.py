@@ -11,10 +11,11 @@ import textwrap
 import warnings
 from collections.abc import Iterator
 
-from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.screen import one_line as one_line
 from stiff_protocols.contract.screen import printable as printable
 
+SCREEN = "screen"
+"""Format of tables for a terminal."""
 WIDEST_TEXT = 100
 """Characters of a line of text."""
 _CELLS = re.compile(r"\S {2,}\S|^\|")
@@ -60,11 +61,10 @@ def printing_to_stderr() -> Iterator[None]:
     """Redirect standard output to standard error, also for C libraries."""
     sys.stdout.flush()
     with contextlib.redirect_stdout(sys.stderr), contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError):  # closed descriptor: nothing to redirect
-            saved_stdout = os.dup(1)
-            stack.callback(os.close, saved_stdout)
-            stack.callback(os.dup2, saved_stdout, 1)
-            os.dup2(2, 1)
+        saved_stdout = os.dup(1)
+        stack.callback(os.close, saved_stdout)
+        stack.callback(os.dup2, saved_stdout, 1)
+        os.dup2(2, 1)
         yield
 
 
@@ -72,16 +72,11 @@ def print_text(text: str, *, laid_out: bool = False) -> None:
     """Print a result; a closed pipe (`| head`) is not an error.
 
     A text that is laid out for a terminal may hold colours; its parts are escaped already.
-
-    Raises:
-        StoreError: standard output cannot be written, as on a full disk.
     """
     try:
         print(text if laid_out else printable(text), flush=True)
-    except OSError as error:
+    except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # flushed again at exit
-        if not isinstance(error, BrokenPipeError):
-            raise StoreError(f"standard output: cannot be written: {error.strerror}") from error
 
 
 def print_prose(text: str) -> None:

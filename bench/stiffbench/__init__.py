@@ -12,6 +12,8 @@ Each name is imported at its first use, so that `import stiffbench` is fast.
 from __future__ import annotations
 
 import importlib
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -55,32 +57,10 @@ if TYPE_CHECKING:
     from stiff_protocols.contract.types import Robot as Robot
     from stiff_protocols.contract.types import Samples as Samples
 
-_PLACES = {
-    "stiff_bench.api.data_sets": (
-        *("Dataset", "Robot", "Samples", "drilled_holes", "load_dataset", "read_samples"),
-    ),
-    "stiff_bench.api.evaluation": ("evaluate",),
-    "stiff_bench.api.measuring": ("plan_poses", "simulate", "validate"),
-    "stiff_bench.api.model": ("Model", "load_model", "make_model"),
-    "stiff_bench.api.pictures": ("figure", "paper_table"),
-    "stiff_bench.api.postures": ("rank_postures",),
-    "stiff_bench.api.records": ("export_results",),
-    "stiff_bench.api.registered": (
-        *("check", "list_datasets", "list_figures", "list_metrics"),
-        *("list_models", "list_protocols", "show", "use_plugin"),
-    ),
-    "stiff_bench.api.robot_programs": ("compensate_program",),
-    "stiff_bench.api.robots": ("load_robot", "read_robot"),
-    "stiff_bench.api.stiffness_maps": ("StiffnessMap", "stiffness_map"),
-    "stiff_bench.api.tool_paths": ("compensate_path", "example_path"),
-    "stiff_bench.page.report": ("report",),
-    "stiff_bench.results.results": ("Results", "open_results"),
-    "stiff_bench.results.selection": ("Selection",),
-    "stiff_bench.store.merging": ("merge",),
-    "stiff_bench.tables.writers": ("Tables",),
-}
-_PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
-__all__ = [*_PLACE_OF]
+_IMPORTS = re.findall(r"^    from (\S+) import (\w+) as", Path(__file__).read_text("utf-8"), re.M)
+"""Module and name of the imports above, which are for type checkers."""
+MODULE_OF = {name: module for module, name in _IMPORTS}
+__all__ = [*MODULE_OF]
 
 
 def __getattr__(name: str) -> Any:
@@ -88,9 +68,9 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version  # slow import (20 ms), not needed for commands
 
         return version("stiffbench")
-    if name not in _PLACE_OF:
+    if name not in MODULE_OF:
         raise AttributeError(f"module 'stiffbench' has no attribute {name!r}")
-    return getattr(importlib.import_module(_PLACE_OF[name]), name)
+    return getattr(importlib.import_module(MODULE_OF[name]), name)
 
 
 def __dir__() -> list[str]:

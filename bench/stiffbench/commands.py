@@ -6,9 +6,9 @@ The help of a command is the docstring of its function. What a command prints is
 from __future__ import annotations
 
 import importlib
+import inspect
 import operator
 import re
-import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,92 +20,75 @@ import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
 from stiff_bench.console import (
+    SCREEN,
     print_markdown,
     print_prose,
     print_text,
-    printable,
     say,
     warnings_on_stderr,
-    wrapped,
 )
-from stiff_bench.parameter_types import Device, FilePath, Folder, Form, Picture, Seed, Setting
+from stiff_bench.parameter_types import (
+    Bounds,
+    Device,
+    FilePath,
+    Folder,
+    Form,
+    Picture,
+    Seed,
+    Setting,
+)
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.files import check_new_file
 from stiffbench.options import (
     Execution,
     Limits,
     choose_format,
-    choose_refits,
     command_line,
     find_own_data,
-    open_cases,
-    read_drawn_model,
     select,
     use_plugins,
 )
 
-ONLY_PATH = ("sheet", "hold", "on_failure")
-ONLY_PROGRAM = ("loads", "strict")
-"""Options that only go with `--path`, or with `--program`."""
-REFUSED = 1
-INDENTS = "  ", 16 * " "
-"""Before the first and the other lines of a check on a terminal."""
+
+def show_text(result: object) -> int:
+    """Print a result as sentences, and Markdown from its first heading on."""
+    prose, _, markdown = f"\n{result}".partition("\n# ")
+    if prose:
+        print_prose(prose[1:])
+    if markdown:
+        print_markdown(f"# {markdown}")
+    return 0
 
 
-def _print_tables(tables: sb.Tables, fmt: str) -> None:
-    print_text(tables.text_as(fmt), laid_out=_is_screen(fmt))
+def show_tables(result: sb.Tables, fmt: Annotated[str, choose_format]) -> int:
+    """Print tables in a format."""
+    print_text(result.text_as(fmt), laid_out=fmt == SCREEN)
+    return 0
 
 
-def _is_screen(fmt: str) -> bool:
-    """Return whether tables are laid out for a terminal."""
-    from stiff_bench.tables.table import SCREEN  # not needed for the first help page
-
-    return fmt == SCREEN
+def show_nothing(result: int) -> int:
+    """Return the status of a command that prints its results itself."""
+    return result
 
 
-def _show_description(text: str) -> None:
-    (print_markdown if text.startswith("#") else print_prose)(text)
+def show_report(result: Any) -> int:
+    """Print the report of a result."""
+    return show_text(result.report)
 
 
-def _show_check(results: Any) -> int:
-    print_prose(repr(results))
-    return 0 if results.passed else 1
+def show_rows(result: int) -> int:
+    """Print the number of written rows."""
+    return show_text(f"{counted(result, 'row')} written")
 
 
-def _show_merge(merged: Any) -> None:
-    for line in merged.report:
-        say(line)
+def show_check(result: Any) -> int:
+    """Print the outcomes of checks; return 1 if one failed."""
+    return show_text(result) or int(not result.passed)
 
 
-def _map(output: FilePath | None = None, figure: Picture | None = None, **options: Any) -> None:
-    new_map = sb.stiffness_map(output=output, figure=figure, **options)
-    files = ", ".join(str(file) for file in (output, figure) if file)
-    print_prose(new_map.report + f"\nwritten: {files}" * bool(files))
-
-
-def _show_postures(ranked: object) -> None:
-    print_text(repr(ranked))
-
-
-def _data_info(dataset: sb.Dataset, output: Folder = Path("results/info")) -> None:
-    card = dataset.card
-    print_prose(dataset.describe(output))
-    if card:
-        print_markdown(f"\n{card}")
-
-
-def _validate(robot: sb.Robot | None = None, **options: Any) -> int:
-    report = sb.validate(robot=robot, **options)
-    print_prose(repr(report))
-    if robot is None:
-        default = api.measuring.DEFAULT_ROBOT
-        print_prose(f"Robot: {default}, the default; name yours: --robot or --urdf")
-    return ("ok", "suspicious", "invalid").index(report.verdict)
-
-
-def _data_export(dataset: sb.Dataset, output: Folder) -> None:
-    print_prose(dataset.export(output))
+def show_validation(result: Any) -> int:
+    """Print a report; return the number of its verdict."""
+    return show_text(result) or ("ok", "suspicious", "invalid").index(result.verdict)
 
 
 def _fit(
@@ -117,31 +100,43 @@ def _fit(
     device: Device = "auto",
     seed: Seed = 0,
     cross_validate: bool = True,
-) -> None:
+) -> str:
+    """Fit a model to all samples of a data set and save it.
+
+    As in `bench run`, a network chooses its number of epochs by cross-validation, then learns from
+    every sample. With `training=best`, a fifth of the poses chooses the epoch instead.
+
+    Args:
+        models: model to fit; NAME@OPTION=VALUE sets its options.
+        output: file; an existing one is replaced.
+        datasets: data set to fit it to.
+        settings: option of the model or the data set; may be repeated.
+        device: device that networks run on.
+        seed: seed of the model, and of the choice of validation poses.
+        cross_validate: store the error at left-out poses, from one more fit for each fifth of the
+            poses.
+    """
+    from stiff_protocols.contract.files import check_new_file  # 10 ms
+
     model, samples = api.evaluation.model_and_data(
         models, [*datasets, *data], settings=settings, device=device
     )
     check_new_file(Path(output))
     model.fit(samples, seed=seed)
     model.save(output, cross_validate=cross_validate)
-    print_prose(f"{output}: {model.report(samples, seed)}")
+    return f"{output}: {model.report(samples, seed)}"
 
 
-def _predict(model: sb.Model, output: FilePath, **options: Any) -> None:
+def _predict(model: sb.Model, output: FilePath, **options: Any) -> str:
     from tempfile import TemporaryDirectory  # 3 ms
 
     with TemporaryDirectory() as folder:
         file = Path(folder) / "rows.csv" if str(output) == "-" else Path(output)
         n_rows = model.predict_file(output=file, **options)
         if file != output:
-            print_text(file.read_text(encoding="utf-8").removesuffix("\n"))
-            return
-    number = "1 row" if n_rows == 1 else f"{n_rows} rows"
-    print_prose(f"{output}: {number} predicted by {model.name}, robot {model.fitted.robot_.name}")
-
-
-def _export(model: sb.Model, output: FilePath) -> None:
-    print_prose(model.export(output))
+            return file.read_text(encoding="utf-8").removesuffix("\n")
+    robot = model.fitted.robot_.name
+    return f"{output}: {counted(n_rows, 'row')} predicted by {model.name}, robot {robot}"
 
 
 def _compensate(
@@ -150,21 +145,17 @@ def _compensate(
     path: FilePath | None = None,
     program: FilePath | None = None,
     **options: Any,
-) -> None:
+) -> str:
     if (path is None) == (program is None):
         raise ConfigError("needed once: a file of points, or else --program", "path")
-    for name in ONLY_PROGRAM if program is None else ONLY_PATH:
-        if name in options:
-            kind = "--path" if name in ONLY_PATH else "--program"
-            raise ConfigError(f"only goes with {kind}", name.replace("_", "-"))
+    kind = "path" if program is None else "program"
+    compensate = sb.compensate_path if program is None else sb.compensate_program
+    for name in options.keys() - inspect.signature(compensate).parameters.keys():
+        raise ConfigError(f"does not go with --{kind}", name.replace("_", "-"))
     warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
-    if program is not None:
-        corrected = sb.compensate_program(model, program, output, **options)
-        text, files = repr(corrected), ", ".join(map(str, corrected.files))
-    else:
-        text = repr(sb.compensate_path(model, str(path), output, **options))
-        files = str(output)
-    print_prose(f"{text}\n{files}: {model.name}, robot {model.fitted.robot_.name}")
+    corrected = compensate(model, path or program or "", output, **options)
+    files = ", ".join(map(str, getattr(corrected, "files", (output,))))
+    return f"{corrected!r}\n{files}: {model.name}, robot {model.fitted.robot_.name}"
 
 
 def _run(
@@ -179,7 +170,6 @@ def _run(
     against: Folder | None = None,
     output: Folder = RESULTS,
     plan_only: bool = False,
-    paper: bool = False,
     verbose: bool = False,
     **options: Any,
 ) -> int:
@@ -197,7 +187,6 @@ def _run(
         output: folder that stores the results.
         plan_only: only estimate: print how many fits are missing and how long they take. One fit
             per new model is timed.
-        paper: on a terminal, print the source paper's table: MAE, STDE and ME.
         verbose: also print a table of each data set, and what fits report, such as stiffnesses.
     """
     about: dict[str, Any] = {"output": Path(output), "command": command_line()}
@@ -224,8 +213,8 @@ def _run(
             study, models=models, lite=lite, against=str(against or ""), **about, **how
         )
     if plan_only:
-        return _print_plan(run, fmt)
-    answer = not paper and (bool(models) if study else not options.get("metrics"))
+        return show_tables(run.forecast(), fmt)
+    answer = bool(models) if study else not options.get("metrics")
     return execute(run, fmt, answer=answer, verbose=verbose)
 
 
@@ -240,26 +229,17 @@ def execute(
     results = run.compute()
     facts = api.evaluation.run_facts(results)
     if (board := run.board(results)) is not None:
-        _print_tables(board, fmt)
-    elif _is_screen(fmt) and answer:
-        facts[0] = f"Fits: {facts[0].replace(';', ',')}"
-        print_text(results.screen(*facts, verbose=verbose), laid_out=True)
-        facts = []
+        show_tables(board, fmt)
+    elif answer and fmt == SCREEN:
+        show_tables(results.summary(verbose=verbose), fmt)
     else:
-        if answer and fmt == "github" and (view := results.view()) is not None:
-            _print_tables(replace(view, command=""), fmt)
+        if answer and fmt == "github" and (summary := results.summary()).text:
+            show_tables(replace(summary, command=""), fmt)
             print_text("")
-        _print_tables(results.table(verbose=verbose), fmt)
+        show_tables(results.table(verbose=verbose), fmt)
     for line in facts:
         say(line)
     return 0 if all(result.status == "ok" for result in results.every) else 1
-
-
-def _print_plan(run: api.evaluation.Run, fmt: str) -> int:
-    forecast = run.forecast()
-    _print_tables(replace(forecast, text=""), fmt)
-    say(forecast.text)
-    return 0
 
 
 def _reproduce(
@@ -295,7 +275,7 @@ def _reproduce(
         name, output=Path(output), command=command, **execution.arguments()
     )
     if plan_only:
-        return _print_plan(run, fmt)
+        return show_tables(run.forecast(), fmt)
     status = 0
     if not write_only:
         results = run.compute()
@@ -312,27 +292,16 @@ def _reproduce(
     return status
 
 
-def _leaderboard(results: sb.Results, fmt: Annotated[str, choose_format], **ranking: Any) -> None:
-    _print_tables(results.leaderboard(**ranking), fmt)
-
-
-def _compare(
-    results: Annotated[sb.Results, open_cases], fmt: Annotated[str, choose_format], **question: Any
-) -> None:
-    _print_tables(results.compare(**question), fmt)
-
-
 def _report(
     output: Annotated[FilePath, Form("FILE.html")],
     selection: Annotated[sb.Selection, select],
     results: Annotated[Sequence[Path], Form("DIR")] = (RESULTS,),
     **ranking: Any,
-) -> None:
+) -> str:
     folders = [
         sb.Results(folder, command=command_line(), selection=selection) for folder in results
     ]
-    sb.report(output, folders, **ranking)
-    say(f"{output}: written")
+    return f"{sb.report(output, folders, **ranking)}: written"
 
 
 def _figure(
@@ -341,9 +310,9 @@ def _figure(
     results: Folder | None = None,
     output: Picture | None = None,
     data: Annotated[Sequence[sb.Dataset], find_own_data] = (),
-    model_file: Annotated[sb.Model | None, read_drawn_model] = None,
-    **options: Any,
-) -> None:
+    model_file: FilePath | None = None,
+    row: Annotated[int, Bounds(at_least=0)] | None = None,
+) -> str:
     """Draw a figure and print its caption.
 
     The caption names the data set and protocol that are drawn. The figure robot draws results
@@ -354,7 +323,11 @@ def _figure(
         results: folder of results; by default results/runs, or results/paper/runs for the paper's
             figures.
         output: file to write: .png, .pdf or .svg; by default figure-NAME.png.
+        model_file: file of a fitted model, for the figure robot: draw its prediction.
+        row: sample of the figure robot, from 0; by default the one with the largest deflection.
     """
+    from stiff_bench.tables.picture_file import check_suffix  # not needed for the first help page
+
     target = Path(output or f"figure-{name}.png")
     content: Any = results
     if data and (name != "robot" or results is not None):
@@ -365,52 +338,28 @@ def _figure(
         content = data[0] if data else sb.load_dataset(selection.datasets[0])
     elif selection.options:
         content = sb.Results(Path(results or RESULTS), selection=selection)
-    prepared = sb.figure(name, content, model=model_file, **options)
+    check_suffix(target)
+    model = None if model_file is None else sb.load_model(model_file)
+    prepared = sb.figure(name, content, model=model, row=row)
     prepared.save(target)
-    print_prose(f"{target}: {prepared.title}. {prepared.caption}")
+    return f"{target}: {prepared.title}. {prepared.caption}"
 
 
 def _table(
     number: Literal["1", "2", "3", "4", "5", "6", "7", "8", "9", "10"],
-    fmt: Annotated[str, choose_format],
     results: Folder | None = None,
-) -> None:
-    _print_tables(sb.paper_table(number, results, command=command_line()), fmt)
+) -> sb.Tables:
+    return sb.paper_table(number, results, command=command_line())
 
 
-def _results_add(
-    folders: Annotated[Sequence[Path], Form("DIR...")],
-    results: Folder = Path("results/leaderboard/runs"),
-) -> None:
-    """Add the fits of verified submissions to results.
-
-    The fits are not computed again. `bench reproduce leaderboard --write-only` then has a column of
-    status: verified or reported.
-
-    Args:
-        folders: folders of submissions that `bench verify` has verified or reported.
-        results: folder of results to add to, with the VJM on the same splits.
-    """
-    for folder in folders:
-        n_fits = api.submissions.add_submission(folder, Path(results))
-        say(f"{results}: {n_fits} fits of {folder} added")
-
-
-def _results_export(results: sb.Results, output: FilePath, **options: Any) -> None:
-    n_records = sb.export_results(results, output, **options)
-    say(f"{output}: {n_records} records written")
-
-
-def _list(
-    kind: Literal["models", "datasets", "protocols", "metrics", "figures"],
-    fmt: Annotated[str, choose_format],
-) -> None:
+def _list(kind: Literal["models", "datasets", "protocols", "metrics", "figures"]) -> sb.Tables:
     """List models, data sets, protocols, metrics or figures.
 
     Args:
         kind: models, datasets, protocols, metrics or figures.
     """
-    _print_tables(getattr(sb, f"list_{kind}")(), fmt)
+    tables: sb.Tables = getattr(sb, f"list_{kind}")()
+    return tables
 
 
 def _submit(
@@ -419,7 +368,7 @@ def _submit(
     results: Folder = RESULTS,
     lite: Annotated[bool, Form("--full")] | None = None,
     **options: Any,
-) -> None:
+) -> str:
     if lite is None:
         raise ConfigError("give --lite or --full")
     submission = api.submissions.submit(
@@ -431,14 +380,18 @@ def _submit(
         **options,
     )
     n_records = counted(len(submission.records), "record")
-    say(f"{output}: {submission.manifest.model}, {n_records} written; next: bench verify {output}")
+    return (
+        f"{output}: {submission.manifest.model}, {n_records} written; next: bench verify {output}"
+    )
 
 
 def _verify(
     folders: Annotated[Sequence[Path], Form("DIR...")],
-    refits: Annotated[api.submissions.Refits, choose_refits],
+    limits: Limits,
     study: str = "leaderboard",
     write: bool = False,
+    seed: Annotated[int, Bounds(at_least=0, at_most=2**32)] | None = None,
+    share: Annotated[float, Form("FRACTION"), Bounds(above=0.0, at_most=1.0)] = 0.1,
 ) -> int:
     """Verify submissions to the leaderboard.
 
@@ -451,20 +404,23 @@ def _verify(
         folders: folders of submissions.
         study: study, or a file such as my_study.toml.
         write: store the outcome in the folder, for the leaderboard's column of status.
+        seed: seed of the choice; by default random, and printed.
+        share: share of the fits that are computed again, at least two.
     """
+    import secrets  # 10 ms
+
+    seed = secrets.randbelow(2**31) if seed is None else seed
+    refits = api.submissions.Refits(seed, share, limits.timeout, limits.memory, limits.jobs)
     outcomes = set()
     for folder in folders:
         verification = api.submissions.VerificationRun(folder, study, refits)
-        for number, check in enumerate(verification):
-            if not number:
-                print_text(str(folder))
-            on_terminal = sys.stdout.isatty()
-            print_text(wrapped(printable(str(check)), *INDENTS) if on_terminal else f"  {check}")
+        for check in verification:
+            print_prose(f"  {check}")
         print_text(f"{verification.outcome}: {folder}")
         outcomes.add(verification.outcome)
         if write and verification.outcome != "refused":
             verification.write()
-    return REFUSED if "refused" in outcomes else 0
+    return int("refused" in outcomes)
 
 
 @dataclass(frozen=True)
@@ -473,30 +429,45 @@ class Command:
 
     Attributes:
         words: words that call it.
-        public: names of the public functions that it is made of, in `stiff_bench.api`: the first
-            docstring is its help, all of them have the texts of its options.
-        example: shell commands, one per line.
+        public: public functions that it is made of, such as "Results.compare", or "module:name" in
+            `stiff_bench`: the first docstring is its help, all have the texts of its options.
+        options: options of an example; a line per example.
         call: function to call; None: the public function.
-        show: function that prints the result of the public function and may return a status.
-        without: parameters of the public functions that `call` gives.
+        show: function that prints its `result` and returns the exit status; its further parameters
+            are options, too.
+        without: parameters that are not options.
     """
 
     words: str
     public: str
-    example: str
-    call: Callable[..., int | None] | None = None
-    show: Callable[[Any], int | None] = print_prose
+    options: str
+    call: Callable[..., Any] | None = None
+    show: Callable[..., int] = show_text
     without: tuple[str, ...] = ()
+
+    @property
+    def example(self) -> str:
+        """Return shell commands, one per line."""
+        return "\n".join(f"bench {self.words} {line}" for line in self.options.splitlines())
+
+    @property
+    def places(self) -> list[tuple[str, str]]:
+        """Return module and name of each public function."""
+        places = [place.rpartition(":") for place in self.public.split()]
+        return [
+            (f"stiff_bench.{module}" if module else sb.MODULE_OF[name.partition(".")[0]], name)
+            for module, _, name in places
+        ]
 
     @property
     def summary(self) -> str:
         """Return the first line of the help, read from the source without an import."""
         if self.call is not None and self.call.__doc__:
             return self.call.__doc__.partition("\n")[0]
-        module, _, place = self.public.split()[0].partition(":")
-        file = Path(stiff_bench.__file__).parent / f"{module.replace('.', '/')}.py"
-        source, name = file.read_text(encoding="utf-8"), place.rpartition(".")[2]
-        match = re.search(rf'^ *def {name}\(.*?"""(.*?)(?:"""|$)', source, re.DOTALL | re.MULTILINE)
+        module, name = self.places[0]
+        file = Path(stiff_bench.__file__).parents[1] / f"{module.replace('.', '/')}.py"
+        pattern = rf'^ *def {name.rpartition(".")[2]}\(.*?"""(.*?)(?:"""|$)'
+        match = re.search(pattern, file.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
         assert match is not None
         return match[1]
 
@@ -506,62 +477,37 @@ class Command:
         from stiffbench.signatures import CommandFunction, command_signature, spell_options
 
         prepare()  # before numpy is imported
-        public: list[Any] = [*map(_public_function, self.public.split())]
+        public: list[Any] = [
+            operator.attrgetter(name)(importlib.import_module(module))
+            for module, name in self.places
+        ]
         body = CommandFunction(self.call or public[0], *public, without=self.without)
+        show = CommandFunction(self.show, without=("result",))
         plugins = CommandFunction(use_plugins)
-        has_plugins = self.words in WITH_PLUGINS
-        options = body.all_options() | (plugins.options if has_plugins else {})
+        plugin_options = plugins.options if self.words in WITH_PLUGINS else {}
+        options = {**body.all_options(), **show.all_options(), **plugin_options}
         signature = command_signature(options)
 
         def call(*arguments: Any, **words: Any) -> int:
             given = signature.bind_partial(*arguments, **words).arguments
             plugins(given)
             with warnings_on_stderr():
-                result = body(given)
-                status = self.show(result) if self.call is None else result
-            return status or 0
+                return int(show(given, body(given)))
 
         call.__signature__ = signature  # type: ignore[attr-defined]
-        call.__annotations__ = {
-            name: parameter.annotation for name, parameter in signature.parameters.items()
-        }
         docs = (function.__doc__ for function in (self.call, *public) if function is not None)
         call.__doc__ = spell_options(next(filter(None, docs)), options)
         return call
 
 
-def _public_function(place: str) -> Callable[..., Any]:
-    """Return the function of a place such as "results.results:Results.compare"."""
-    module, _, name = place.partition(":")
-    function: Callable[..., Any] = operator.attrgetter(name)(
-        importlib.import_module(f"stiff_bench.{module}")
-    )
-    return function
-
-
 GROUPS = {
-    "": (
-        "Benchmark stiffness models of industrial robots.",
-        "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5\n"
-        "bench leaderboard\n"
-        "bench run --help",
-    ),
-    "data": (
-        "Plan, check, simulate and inspect data sets.",
-        "bench data plan --robot ur5 --output plan.csv\nbench data validate my.csv --robot ur5",
-    ),
-    "path": (
-        "Correct tool paths for the deflection under load.",
-        "bench path example --model my.stiff --output square.csv\n"
-        "bench path compensate --model my.stiff --path square.csv --output new.csv",
-    ),
-    "new": ("Write the first files of a plugin.", "bench new model my-model"),
-    "results": (
-        "Export stored results, and add results of submissions.",
-        "bench results export --format csv --output results.csv",
-    ),
+    "": "Benchmark stiffness models of industrial robots.",
+    "data": "Plan, check, simulate and inspect data sets.",
+    "path": "Correct tool paths for the deflection under load.",
+    "new": "Write the first files of a plugin.",
+    "results": "Export stored results, and add results of submissions.",
 }
-"""Name of a group of commands -> its help and its example; "": all."""
+"""Name of a group of commands -> its help; "": all."""
 WITH_PLUGINS = {
     *("data info", "data plan", "data export", "run", "figure", "fit", "predict", "path example"),
     *("path compensate", "map", "posture", "list", "show", "check"),
@@ -569,164 +515,102 @@ WITH_PLUGINS = {
 """Commands with an option --plugin."""
 COMMANDS = {
     "Your robot's data": [
-        Command(
-            "data info",
-            "api.data_sets:Dataset.describe",
-            "bench data info fanuc-r2000ic",
-            _data_info,
-        ),
-        Command(
-            "data plan",
-            "api.measuring:plan_poses",
-            "bench data plan --robot ur5 --poses 60 --output plan.csv",
-        ),
-        Command(
-            "data validate",
-            "api.measuring:validate",
-            "bench data validate my.csv --robot ur5",
-            _validate,
-        ),
-        Command(
-            "data simulate",
-            "api.measuring:simulate",
-            "bench data simulate --twin ur5 --samples 1000 --output simulated.csv",
-        ),
+        Command("data info", "Dataset.describe", "fanuc-r2000ic"),
+        Command("data plan", "plan_poses", "--robot ur5 --poses 60 --output plan.csv"),
+        Command("data validate", "validate", "my.csv --robot ur5", show=show_validation),
+        Command("data simulate", "simulate", "--twin ur5 --samples 1000 --output simulated.csv"),
         Command(
             "data register",
             "api.data_files:register",
-            "bench data register my.csv --robot ur5 --licence CC-BY-4.0\n"
-            "bench data register my.csv --dataset kr10-measured",
+            "my.csv --robot ur5 --licence CC-BY-4.0\nmy.csv --dataset kr10-measured",
         ),
-        Command(
-            "data export",
-            "api.data_sets:Dataset.export",
-            "bench data export kr10-twin@plan=wide --output shared",
-            _data_export,
-        ),
+        Command("data export", "Dataset.export", "kr10-twin@plan=wide --output shared"),
     ],
     "Fit and test models": [
         Command(
             "run",
-            "api.evaluation:evaluate",
-            "bench run --model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5",
+            "evaluate",
+            "--model vjm --model vjm-gp --dataset fanuc-r2000ic --splits 5",
             _run,
+            show_nothing,
         ),
-        Command("reproduce", "", "bench reproduce paper-quick", _reproduce),
+        Command("reproduce", "", "paper-quick", _reproduce, show_nothing),
     ],
     "Read results": [
-        Command(
-            "leaderboard",
-            "results.results:Results.leaderboard",
-            "bench leaderboard --results results/runs",
-            _leaderboard,
-        ),
+        Command("leaderboard", "Results.leaderboard", "--results results/runs", show=show_tables),
         Command(
             "compare",
-            "results.results:Results.compare",
-            "bench compare vjm-gp vjm --dataset fanuc-r2000ic",
-            _compare,
+            "Results.compare",
+            "vjm-gp vjm --dataset fanuc-r2000ic",
+            show=show_tables,
+            without=("models",),
         ),
-        Command(
-            "report",
-            "page.report:report",
-            "bench report --output report.html",
-            _report,
-        ),
-        Command(
-            "figure",
-            "api.pictures:figure",
-            "bench figure regression --output regression.pdf",
-            _figure,
-            without=("model",),
-        ),
-        Command(
-            "table", "api.pictures:paper_table", "bench table 10", _table, without=("command",)
-        ),
-        Command(
-            "merge",
-            "store.merging:merge",
-            "bench merge laptop/runs server/runs --output results/runs",
-            show=_show_merge,
-        ),
+        Command("report", "report", "--output report.html", _report),
+        Command("figure", "", "regression --output regression.pdf", _figure),
+        Command("table", "paper_table", "10", _table, show_tables, ("command",)),
+        Command("merge", "merge", "laptop/runs server/runs --output results/runs"),
         Command(
             "results add",
-            "",
-            "bench results add results/submissions/quadratic-springs",
-            _results_add,
+            "api.submissions:add_submission",
+            "results/submissions/quadratic-springs",
+            show=show_rows,
         ),
         Command(
             "results export",
-            "api.records:export_results",
-            "bench results export --format csv --output results.csv",
-            _results_export,
+            "export_results",
+            "--format csv --output results.csv",
+            show=show_rows,
         ),
     ],
     "Use a model on your robot": [
-        Command(
-            "fit",
-            "api.evaluation:model_and_data api.model:Model.fit api.model:Model.save",
-            "bench fit --model gp-springs --data my.csv --robot ur5 --output my.stiff",
-            _fit,
-            without=("data", "robot"),
-        ),
+        Command("fit", "", "--model gp-springs --data my.csv --robot ur5 --output my.stiff", _fit),
         Command(
             "predict",
-            "api.model:Model.predict_file",
-            "bench predict --model my.stiff --input poses.csv --output deflections.csv",
+            "Model.predict_file",
+            "--model my.stiff --input poses.csv --output deflections.csv",
             _predict,
+            without=("self",),
         ),
         Command(
             "path example",
-            "api.tool_paths:example_path",
-            "bench path example --shape circle --size 300mm --output circle.csv\n"
-            "bench path example --model my.stiff --output square.csv",
+            "example_path",
+            "--shape circle --size 300mm --output circle.csv\n--model my.stiff --output square.csv",
         ),
         Command(
             "path compensate",
-            "api.tool_paths:compensate_path api.robot_programs:compensate_program",
-            "bench path compensate --model my.stiff --path circle.csv --output new.csv",
+            "compensate_path compensate_program",
+            "--model my.stiff --path circle.csv --output new.csv",
             _compensate,
         ),
         Command(
             "map",
-            "api.stiffness_maps:stiffness_map",
-            "bench map --model my.stiff --load 0,0,-100 --plane xz --output map.png",
-            _map,
+            "stiffness_map",
+            "--model my.stiff --load 0,0,-100 --plane xz --output map.png",
+            show=show_report,
         ),
         Command(
             "posture",
-            "api.postures:rank_postures",
-            "bench posture --model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
-            "bench posture --model my.stiff --path holes.csv --output postures.csv",
-            show=_show_postures,
+            "rank_postures",
+            "--model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
+            "--model my.stiff --path holes.csv --output postures.csv",
         ),
-        Command(
-            "export",
-            "api.model:Model.export",
-            "bench export --model mlp.stiff --output mlp.onnx",
-            _export,
-        ),
+        Command("export", "Model.export", "--model mlp.stiff --output mlp.onnx"),
     ],
     "Look up and add names": [
-        Command("list", "", "bench list models", _list),
-        Command("show", "api.registered:show", "bench show vjm-gp", show=_show_description),
-        Command(
-            "check",
-            "api.registered:check",
-            "bench check my-model --plugin my_model.py",
-            show=_show_check,
-        ),
-        Command("new model", "api.registered:new_model", "bench new model my-model"),
+        Command("list", "", "models", _list, show_tables),
+        Command("show", "show", "vjm-gp"),
+        Command("check", "check", "my-model --plugin my_model.py", show=show_check),
+        Command("new model", "api.registered:new_model", "my-model"),
     ],
     "Take part in the leaderboard": [
         Command(
             "submit",
             "api.submissions:submit",
-            "bench submit --lite --card card.toml --output submission",
+            "--lite --card card.toml --output submission",
             _submit,
             without=("command",),
         ),
-        Command("verify", "", "bench verify results/submissions/quadratic-springs", _verify),
+        Command("verify", "", "results/submissions/quadratic-springs", _verify, show_nothing),
     ],
 }
 """Heading of the help page -> its commands."""

@@ -11,16 +11,17 @@ import sys
 from typing import TYPE_CHECKING
 
 import stiffbench as sb
-from stiff_bench.console import say
+from stiff_bench.console import print_text, say
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
 from stiffbench.commands import COMMANDS, GROUPS, Command
 from stiffbench.help_page import HelpPage, page_end, print_rows
 
 if TYPE_CHECKING:
-    from cyclopts import App, CycloptsError
+    from cyclopts import App
 
 INTERRUPTION = "interrupted. Results so far are saved; run the same command to continue."
 USAGE_ERROR, CELLS_FAILED = 2, 1
+BY_WORDS = {command.words: command for commands in COMMANDS.values() for command in commands}
 HELP_FLAGS = ("-h", "--help")
 GENERAL_OPTIONS = (
     ("--debug", "Show the traceback of an error; valid for every command."),
@@ -30,10 +31,6 @@ GENERAL_OPTIONS = (
 
 class Stopped(BaseException):
     """A signal asked the process to end; no failure of a cell, so no cell may catch it."""
-
-    def __init__(self, number: int) -> None:
-        """Remember the signal's number."""
-        self.number = number
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -49,18 +46,17 @@ def main(arguments: list[str] | None = None) -> None:
         status = run([word for word in words if word != "--debug"])
     except (KeyboardInterrupt, Stopped) as stopped:
         say(INTERRUPTION)
-        status = 128 + getattr(stopped, "number", signal.SIGINT)
-    except (StiffBenchError, OSError) as error:
-        if debug:
-            raise
-        message = error.as_typed() if isinstance(error, StiffBenchError) else str(error)
-        say(f"error: {' '.join(message.split())}")
-        status = USAGE_ERROR
+        status = 128 + (stopped.args[0] if isinstance(stopped, Stopped) else signal.SIGINT)
     except Exception as error:
         if debug:
             raise
-        say(f"internal error: {type(error).__name__}: {error} (add --debug for the traceback)")
-        status = CELLS_FAILED
+        if isinstance(error, StiffBenchError | OSError):
+            message = error.as_typed() if isinstance(error, StiffBenchError) else str(error)
+            say(f"error: {' '.join(message.split())}")
+            status = USAGE_ERROR
+        else:
+            say(f"internal error: {type(error).__name__}: {error} (add --debug for the traceback)")
+            status = CELLS_FAILED
     sys.exit(status)
 
 
@@ -74,42 +70,36 @@ def run(words: list[str]) -> int:
     Raises:
         ConfigError: a word is wrong.
     """
+    for length in (1, 2):
+        if command := BY_WORDS.get(" ".join(words[:length])):
+            return run_command(command, words[length:])
     group = words[0] if words and words[0] in GROUPS else ""
-    name, *options = words[bool(group) :] or [""]
-    if name == "--version" and not group:
+    name = next(iter(words[bool(group) :]), "")
+    if words == ["--version"]:
         print(f"bench, version {sb.__version__}")
-    elif not name:
-        with contextlib.redirect_stdout(sys.stderr):
+    elif name in ("", *HELP_FLAGS):
+        with contextlib.redirect_stdout(sys.stdout if name else sys.stderr):
             print_overview(group)
-        return USAGE_ERROR
-    elif name in HELP_FLAGS:
-        print_overview(group)
+        return 0 if name else USAGE_ERROR
     else:
-        return run_command(find_command(group, name), options)
+        paths = [command.split() for command in BY_WORDS]
+        names = {path[-1] if group else path[0] for path in paths if group in ("", path[0])}
+        raise unknown_name(f"{f'bench {group}'.strip()} command", name, names)
     return 0
-
-
-def find_command(group: str, name: str) -> Command:
-    """Return a command of a group; ConfigError: there is none of this name."""
-    words = f"{group} {name}".strip()
-    commands = {command.words: command for listed in COMMANDS.values() for command in listed}
-    if words not in commands:
-        names = [key.partition(" ")[0] for key in commands]
-        if group:
-            names = [key.partition(" ")[2] for key in commands if key.startswith(f"{group} ")]
-        raise unknown_name(f"{f'bench {group}'.strip()} command", name, {*names})
-    return commands[words]
 
 
 def run_command(command: Command, options: list[str]) -> int:
     """Run a command and return its exit status; ConfigError: a word is wrong."""
-    from cyclopts import CycloptsError
+    from cyclopts import CycloptsError, UnusedCliTokensError
 
     app = command_app(command)
     try:
         return int(app(options) or 0)
     except CycloptsError as error:
-        raise ConfigError(refusal(error, command)) from error
+        text = str(error)
+        if isinstance(error, UnusedCliTokensError):
+            text = f"superfluous: {' '.join(map(repr, error.unused_tokens or ()))}."
+        raise ConfigError(f"{text} Example: {command.example.splitlines()[0]}") from error
 
 
 def command_app(command: Command) -> App:
@@ -134,47 +124,25 @@ def command_app(command: Command) -> App:
     return app
 
 
-def refusal(error: CycloptsError, command: Command) -> str:
-    """Return the message of an error of cyclopts with the valid words or an example."""
-    from cyclopts.exceptions import (
-        MissingArgumentError,
-        RepeatArgumentError,
-        UnknownOptionError,
-        UnusedCliTokensError,
-    )
-
-    if isinstance(error, UnknownOptionError):
-        names = [name for argument in error.argument_collection for name in argument.names]
-        word = error.token.keyword or error.token.value
-        return str(unknown_name(f"bench {command.words} option", word, names))
-    example = f"example: {command.example.splitlines()[0]}"
-    if isinstance(error, RepeatArgumentError):
-        return f"{error.token.keyword}: given more than once; {example}"
-    if isinstance(error, UnusedCliTokensError):
-        return f"unexpected argument {(error.unused_tokens or [''])[0]!r}; {example}"
-    if isinstance(error, MissingArgumentError) and error.argument is not None:
-        text = (error.argument.parameter.help or "").removesuffix(" [required]").rstrip(".")
-        return f"{error.argument.name}: a value is missing ({text}); {example}"
-    return f"{error}; {example}"
-
-
 def print_overview(group: str) -> None:
     """Print the commands of `bench`, or of a group."""
-    text, example = GROUPS[group]
-    print(f"Usage: {f'bench {group}'.strip()} COMMAND\n\n{text}")
+    print_text(f"Usage: {f'bench {group}'.strip()} COMMAND\n\n{GROUPS[group]}")
+    examples = []
     for heading, commands in COMMANDS.items():
         rows = dict[str, str]()
         for command in commands:
             above, _, name = command.words.rpartition(" ")
             if above == group:
                 rows[name] = command.summary
+                examples.append(command.example)
             elif not group:
-                rows[above] = GROUPS[above][0]
+                rows[above] = GROUPS[above]
         if rows:
             print_rows("Commands" if group else heading, [*rows.items()])
     if not group:
         print_rows("Options", GENERAL_OPTIONS)
-    print(f"\n{page_end(example)}")
+        examples = [examples[0], "bench run --help"]
+    print_text("\n" + page_end("\n".join(examples)))
 
 
 if __name__ == "__main__":

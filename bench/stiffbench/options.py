@@ -8,16 +8,20 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import stiffbench as sb
 from stiff_bench import api
 from stiff_bench.api import RESULTS
+from stiff_bench.console import SCREEN
 from stiff_bench.parameter_types import Bounds, Bytes, FilePath, Folder, Form, Point
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
+
+AtMost1024 = Annotated[int, Bounds(at_least=1, at_most=1024)]
+Seconds = Annotated[float, Form("SECONDS"), Bounds(above=0.0, at_most=1e7)]
 
 
 def read_model(model: FilePath) -> sb.Model:
@@ -27,15 +31,6 @@ def read_model(model: FilePath) -> sb.Model:
         model: file of a fitted model, written by `bench fit`.
     """
     return sb.load_model(model)
-
-
-def read_drawn_model(model_file: FilePath) -> sb.Model:
-    """Read the model that a figure draws.
-
-    Args:
-        model_file: file of a fitted model, for the figure robot: draw its prediction.
-    """
-    return sb.load_model(model_file)
 
 
 def name_robot(
@@ -78,7 +73,19 @@ def find_dataset(
             --urdf or --robot.
         settings: option of the data set, KEY.OPTION=VALUE; may be repeated.
     """
-    return api.data_sets.dataset_of_word(key, robot, options, settings)
+    from stiff_bench.plan.options import chosen_dataset
+
+    path = Path(key)
+    if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
+        if settings:
+            raise ConfigError(f"--set {settings[0]!r}: the file {key} has no options")
+        return sb.Dataset.of_file(path, robot, options)
+    if robot is not None or options != DEFAULTS or path.is_file():
+        raise ConfigError(
+            f"{key}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
+            "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
+        )
+    return sb.Dataset(chosen_dataset(key, settings, api.registered.registry()))
 
 
 def find_own_data(
@@ -94,48 +101,30 @@ def find_own_data(
         raise ConfigError(
             "--robot, --urdf, --no-torque, --sheet and --pose-tolerance require --data FILE"
         )
-    return [api.data_sets.Dataset.of_file(file, robot, options) for file in data]
-
-
-def select_cases(
-    datasets: Sequence[str] = (), protocols: Sequence[str] = (), conditions: Sequence[str] = ()
-) -> sb.Selection:
-    """Select data sets, protocols and conditions.
-
-    Args:
-        datasets: only this data set, or all variants of a key; may be repeated.
-        protocols: only this protocol, or all variants of a key; may be repeated.
-        conditions: only this condition of a protocol, such as "n = 40"; may be repeated.
-    """
-    return sb.Selection((), (*datasets,), (*protocols,), (*conditions,))
+    return [sb.Dataset.of_file(file, robot, options) for file in data]
 
 
 def select(
-    cases: Annotated[sb.Selection, select_cases], models: Sequence[str] = ()
+    models: Sequence[str] = (),
+    datasets: Sequence[str] = (),
+    protocols: Sequence[str] = (),
+    conditions: Sequence[str] = (),
 ) -> sb.Selection:
     """Select models, data sets, protocols and conditions.
 
     Args:
         models: only this model, or all variants of a key; may be repeated.
+        datasets: only this data set, or all variants of a key; may be repeated.
+        protocols: only this protocol, or all variants of a key; may be repeated.
+        conditions: only this condition of a protocol, such as "n = 40"; may be repeated.
     """
-    return replace(cases, models=(*models,))
+    return sb.Selection((*models,), (*datasets,), (*protocols,), (*conditions,))
 
 
-def open_cases(
-    cases: Annotated[sb.Selection, select_cases], results: Folder = RESULTS
-) -> sb.Results:
-    """Return the results of some data sets, protocols and conditions.
-
-    Args:
-        results: folder of results: the --output of `bench run`.
-    """
-    return open_selected(cases, results)
-
-
-def open_selected(
+def open_results(
     selection: Annotated[sb.Selection, select], results: Folder = RESULTS
 ) -> sb.Results:
-    """Return the results of some models, data sets, protocols and conditions.
+    """Return selected results of a folder.
 
     Args:
         results: folder of results: the --output of `bench run`.
@@ -158,8 +147,6 @@ def choose_format(fmt: Literal["github", "latex", "csv", "html", "json"] | None 
     Args:
         fmt: format of tables; by default github, and on a terminal tables that fit it.
     """
-    from stiff_bench.tables.table import SCREEN
-
     return fmt or (SCREEN if sys.stdout.isatty() else "github")
 
 
@@ -179,11 +166,11 @@ class Execution:
         rerun: fits to run: those without a stored result, the failed ones too, or all.
     """
 
-    jobs: Annotated[int, Bounds(at_least=1, at_most=1024)] | None = None
+    jobs: AtMost1024 | None = None
     isolate: bool | None = None
-    timeout: Annotated[float, Form("SECONDS"), Bounds(above=0.0, at_most=1e7)] | None = None
+    timeout: Seconds | None = None
     memory: Bytes | None = None
-    threads: Annotated[int, Bounds(at_least=1, at_most=1024)] | None = None
+    threads: AtMost1024 | None = None
     dask: Annotated[str, Form("CLUSTER")] = ""
     rerun: Literal["missing", "failed", "all"] = "missing"
 
@@ -201,29 +188,12 @@ class Limits:
     Attributes:
         jobs: number of parallel fits.
         timeout: time limit of each fit.
-        memory: memory limit of each fit.
+        memory: memory limit of each fit; by default 4GiB.
     """
 
-    jobs: Annotated[int, Bounds(at_least=1, at_most=1024)] = 1
-    timeout: Annotated[float, Form("SECONDS"), Bounds(above=0.0, at_most=1e7)] = 600.0
+    jobs: AtMost1024 = 1
+    timeout: Seconds = 600.0
     memory: Bytes = 4 * 2**30
-
-
-def choose_refits(
-    limits: Limits,
-    seed: Annotated[int, Bounds(at_least=0, at_most=2**32)] | None = None,
-    share: Annotated[float, Form("FRACTION"), Bounds(above=0.0, at_most=1.0)] = 0.1,
-) -> api.submissions.Refits:
-    """Choose the fits that a verification computes again.
-
-    Args:
-        seed: seed of the choice; by default random, and printed.
-        share: share of the fits that are computed again, at least two.
-    """
-    import secrets  # 10 ms
-
-    seed = secrets.randbelow(2**31) if seed is None else seed
-    return api.submissions.Refits(seed, share, limits.timeout, limits.memory, limits.jobs)
 
 
 MAKERS: dict[str, Callable[..., Any]] = {
@@ -232,7 +202,7 @@ MAKERS: dict[str, Callable[..., Any]] = {
     "FileOptions": FileOptions,
     "Limits": Limits,
     "Model": read_model,
-    "Results": open_selected,
+    "Results": open_results,
     "Robot": name_robot,
 }
 """Type of a parameter -> function or class whose parameters are its options."""

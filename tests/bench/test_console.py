@@ -3,30 +3,8 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 
 from stiff_bench.console import print_markdown, print_prose, print_text, wrapped, wrapped_lines
-
-PRINTS = """
-import sys
-from stiff_bench.console import print_text, say
-from stiff_protocols.contract.errors import StoreError
-say("a message")
-try:
-    print_text("a table")
-except StoreError as error:
-    say(str(error))
-    sys.exit(2)
-"""
-
-
-def test_a_result_that_cannot_be_printed_is_an_error(tmp_path):
-    with open("/dev/full", "w") as full:
-        words = [sys.executable, "-c", PRINTS]
-        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 2
-    assert "standard output: cannot be written" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_sentences_are_broken_between_words_as_wide_as_the_terminal_and_tables_are_not(monkeypatch):

@@ -12,10 +12,10 @@ import numpy as np
 
 from stiff_bench.api.registered import registry
 from stiff_bench.api.robots import as_robot
+from stiff_bench.parameter_types import Folder
 from stiff_bench.plan.options import (
     Choice,
     chosen,
-    chosen_dataset,
     held_data,
     measured_file,
     parse_option,
@@ -25,7 +25,7 @@ from stiff_bench.plan.request import loaded
 from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import Text
 from stiff_datasets.measured.drilled_holes import drilled_holes as drilled_holes
-from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
+from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract.errors import ConfigError, warn
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.plugin import DatasetInfo
@@ -151,7 +151,7 @@ class Dataset(ShownObject):
 
         return Text(card_text(self.choice.info.key, self.choice.info.card))
 
-    def describe(self, output: Path | str) -> Text:
+    def describe(self, output: Folder = Path("results/info")) -> Text:
         """Describe a data set and draw an overview.
 
         Args:
@@ -167,9 +167,10 @@ class Dataset(ShownObject):
         picture = Path(output) / f"{name.replace(' ', '_')}.png"
         make_folder(picture.parent)
         self.plot().save(picture)
-        return Text(dataset_info(info, data, picture, options))
+        card = f"\n\n{self.card}" * bool(self.card)
+        return Text(dataset_info(info, data, picture, options) + card)
 
-    def export(self, output: Path | str) -> Text:
+    def export(self, output: Folder) -> Text:
         """Write a data set as CSV, URDF, data card and descriptors.
 
         Args:
@@ -309,20 +310,3 @@ def read_samples(
     dataset = Dataset.of_file(file, robot, FileOptions(no_torque, sheet, pose_tolerance))
     dataset.data  # noqa: B018  # raise errors here, not at the first use
     return dataset
-
-
-def dataset_of_word(
-    word: str, robot: Robot | None, options: FileOptions, settings: Sequence[str]
-) -> Dataset:
-    """Return the data set of a key or of a file, for `bench data info`."""
-    path = Path(word)
-    if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
-        if settings:
-            raise ConfigError(f"--set {settings[0]!r}: the file {word} has no options")
-        return Dataset.of_file(path, robot, options)
-    if robot is not None or options != DEFAULTS or path.is_file():
-        raise ConfigError(
-            f"{word}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
-            "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
-        )
-    return Dataset(chosen_dataset(word, settings, registry()))

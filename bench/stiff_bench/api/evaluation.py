@@ -16,7 +16,7 @@ from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.api.registered import registry
 from stiff_bench.console import say
-from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed, Setting
+from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.options import Choice, Chosen, choices
 from stiff_bench.plan.request import RunPlan, plan_run, with_reference
@@ -200,20 +200,10 @@ def model_and_data(
     models: Sequence[str],
     datasets: Sequence[str | Dataset],
     *,
-    settings: Setting = (),
-    device: Device = "auto",
+    settings: Sequence[str],
+    device: str,
 ) -> tuple[Model, Dataset]:
-    """Fit a model to all samples of a data set and save it.
-
-    As in `bench run`, a network chooses its number of epochs by cross-validation, then learns from
-    every sample. With `training=best`, a fifth of the poses chooses the epoch instead.
-
-    Args:
-        models: model to fit; NAME@OPTION=VALUE sets its options.
-        datasets: data set to fit it to.
-        settings: option of the model or the data set; may be repeated.
-        device: device that networks run on.
-    """
+    """Return the unfitted model and the data set of `bench fit`."""
     if len(datasets) != 1:
         raise ConfigError("give either --dataset KEY or --data FILE.csv")
     chosen = _chosen(models, datasets, (), settings)

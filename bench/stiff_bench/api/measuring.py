@@ -75,8 +75,8 @@ def plan_poses(
         after: measurement so far (.csv, .xlsx or .parquet); the plan has the next poses.
         model: model to choose poses for, with `after`; by default vjm. gp-springs, gp, vjm-gp and
             mf-gp use their own intervals, the others predictions of joint springs.
-        workspace: .csv file of poses and wrenches that predictions are needed for, with `after`; by
-            default all that the robot can reach.
+        workspace: file (.csv) of poses and wrenches that predictions are needed for, with `after`;
+            by default all that the robot can reach.
         no_torque: torques were not measured: their columns may be missing, or zero.
         sheet: sheet of an Excel file; by default the only one with a table.
         pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at

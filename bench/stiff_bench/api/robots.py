@@ -10,7 +10,6 @@ import numpy as np
 from stiff_bench.console import say
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.shipped_robots import named_robot, shipped_robots
-from stiff_datasets.robots.urdf_reader import read_chain
 from stiff_protocols.contract.types import Robot
 
 
@@ -42,6 +41,8 @@ def read_robot(
         ConfigError: no link is called `tip`.
         DataError: the file is not a URDF, or the chain has an unsupported joint.
     """
+    from stiff_datasets.robots.urdf_reader import read_chain  # imports Pinocchio
+
     chain = read_chain(Path(urdf), tcp=(0.0, 0.0, 0.0) if tcp is None else tcp, tip=tip)
     for note in chain.notes:
         say(f"note: {note}")

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from stiff_bench.api.evaluation import run_of_study
 from stiff_bench.api.records import records_of
 from stiff_bench.api.registered import use_only
 from stiff_bench.paper.study_file import find_study
+from stiff_bench.parameter_types import Form
 from stiff_bench.plan.cells import installed
 from stiff_bench.store.database import ResultStore, read_manifests, read_results
 from stiff_bench.submissions.card import read_card
@@ -154,10 +155,14 @@ class VerificationRun:
         )
 
 
-def add_submission(folder: Path, results: Path) -> int:
-    """Store the fits of a submission in a folder of results, and return their number.
+def add_submission(
+    folder: Annotated[Path, Form("DIR")],
+    results: Annotated[Path, Form("DIR")] = Path("results/leaderboard/runs"),
+) -> int:
+    """Add the fits of a verified submission to results, and return their number.
 
-    Data, splits and reference are taken from the VJM's results on the same splits.
+    The fits are not computed again. `bench reproduce leaderboard --write-only` then has a column of
+    status: verified or reported.
 
     Args:
         folder: folder of a submission that `bench verify` has verified or reported.

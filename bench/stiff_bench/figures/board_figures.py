@@ -19,7 +19,7 @@ from stiff_bench.figures.style import (
     short_names,
 )
 from stiff_bench.results.columns import number
-from stiff_bench.results.leaderboard_tables import StudyLeaderboard
+from stiff_bench.results.leaderboard import StudyLeaderboard
 from stiff_bench.tables.units import percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError

@@ -24,7 +24,6 @@ from stiff_bench.page.page import (
 from stiff_bench.parameter_types import AxisName, FilePath, Seed
 from stiff_bench.results.columns import matrix_table, model_table
 from stiff_bench.results.fit_values import mean_over
-from stiff_bench.results.leaderboard import and_more, model_frame
 from stiff_bench.results.notes import (
     caveats_of,
     failure_lines,
@@ -34,11 +33,12 @@ from stiff_bench.results.notes import (
 )
 from stiff_bench.results.results import Results
 from stiff_bench.results.scored_task import SortKey, sort_key
+from stiff_bench.results.scores import model_frame
 from stiff_bench.results.summary import summarize
 from stiff_bench.store.names import grouped
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.table import Column, Entry, Table, text_columns
-from stiff_bench.tables.units import counted
+from stiff_bench.tables.units import counted, first_few
 from stiff_bench.tables.writers import of_format
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError, StoreError, unsupported_extension
@@ -114,9 +114,6 @@ def folder_section(
         headline, texts = summary.headline, summary.sentences
         matrix = matrix_table(scores, [*models["model"]])
         tables = [model_table(scores, models, "Models", ()), matrix]
-        notes += [
-            f"Not in the summary: {name} ({reason})." for name, reason in scores.left_out.items()
-        ]
     except (ConfigError, StoreError) as error:
         reasons.append(f"No summary: {str(error).removesuffix('.')}.")
     try:
@@ -245,7 +242,9 @@ def runs_section(runs: Sequence[RunManifest]) -> Section:
     ]
     machines = [
         Section(
-            f"Versions and machine of {same[0].run_id}{and_more(same)}", log=text, is_folded=True
+            f"Versions and machine of {first_few([run.run_id for run in same], 1)}",
+            log=text,
+            is_folded=True,
         )
         for text, same in grouped(newest, _environment).items()
     ]

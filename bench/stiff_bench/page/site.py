@@ -28,7 +28,7 @@ from stiff_bench.page.page import (
 )
 from stiff_bench.paper.study_file import Study
 from stiff_bench.results.columns import RATIO_FORMAT
-from stiff_bench.results.leaderboard_tables import StudyLeaderboard
+from stiff_bench.results.leaderboard import StudyLeaderboard
 from stiff_bench.results.notes import sources
 from stiff_bench.store.names import split_word
 from stiff_bench.tables.table import Column, Quantity, Table
@@ -110,7 +110,7 @@ class LeaderboardSite:
         board, stored, summary = self.board, self.board.stored, self.board.summary
         ratios, *other_tables = board.tables
         notes = [note for note in ratios.notes if note not in summary.lines]
-        counts = Counter(result.run_id for task in stored.tasks for result in task.every)
+        counts = Counter(result.run_id for result in stored.every)
         figures = drawn_figures(
             (partial(make, board), self.command)
             for make in (score_against_cost, score_against_poses)

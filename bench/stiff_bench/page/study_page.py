@@ -18,8 +18,7 @@ from stiff_bench.page.page import write_text
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import Study
-from stiff_bench.results.leaderboard import build_leaderboard
-from stiff_bench.results.leaderboard_tables import StudyLeaderboard, leaderboard_tables
+from stiff_bench.results.leaderboard import StudyLeaderboard, build_leaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.metric_tables import metric_tables
 from stiff_bench.results.notes import outdated_models, sources
@@ -170,7 +169,7 @@ def _listed(lines: Iterable[str]) -> str:
 
 def _provenance(stored: StoredResults, command: str, n_missing: int) -> Iterator[str]:
     """Yield notes: the command, the versions, and each machine."""
-    results = [result for task in stored.tasks for result in task.every]
+    results = stored.every
     yield f"made by {markdown_code(command)}"
     if n_missing:
         yield f"not finished: {counted(n_missing, 'fit')} not computed"

@@ -1,260 +1,62 @@
-"""Compare models over robots if there are enough, else per data set; no ranks.
-
-The main number of a model is its error over the VJM's: the geometric mean over robots, and for each
-robot over its data sets with equal weights. Measured robots have separate columns and are never
-averaged with simulated robots.
-"""
+"""Leaderboards: over robots if there are enough, else per data set; and of a study."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import chain
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from stiff_bench.results.load import StoredResults, Task, newest_tasks, order_key
+from stiff_bench.results.columns import board_tables, dataset_table
+from stiff_bench.results.load import StoredResults, Task, newest_tasks
 from stiff_bench.results.notes import (
+    SELECTION_MARK,
     TRAINING_MARK,
+    caveats_of,
     left_out_notes,
     same_name_other_data,
     sources,
 )
-from stiff_bench.results.scored_task import SortKey, score_task
-from stiff_bench.results.scores import Scores
-from stiff_bench.results.selection import EVERYTHING, Selection
+from stiff_bench.results.scored_task import SortKey, sort_key
+from stiff_bench.results.scores import Scores, model_frame
+from stiff_bench.results.selection import EVERYTHING, BoardSettings, Selection
+from stiff_bench.results.summary import (
+    Summary,
+    dataset_notes,
+    few_robots_text,
+    split_notes,
+    summarize,
+)
 from stiff_bench.store.names import grouped, labels, without_options
+from stiff_bench.tables.table import Table
+from stiff_bench.tables.units import first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.scoring.over_robots import (
-    corrected_p_values,
-    equivalence_p_value,
-    mean_ratio,
-    without_one,
-)
-from stiff_protocols.scoring.paired import LEVEL
 
 if TYPE_CHECKING:
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
 SEED_OPTIONS = ("pretrain_seed",)
 """Options of models that only repeat a training with another seed."""
-PLAN = ["robot", "family", "protocol"]
-"""Columns of a vote: each data set and protocol of a robot has the same weight."""
-
-
-def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFrame:
-    """Return (robots, models) mean logarithms of a ratio, with one vote per plan of a robot.
-
-    A model needs only one split of a data set: its error is divided by the VJM's on that split.
-
-    Args:
-        rows: rows of `Scores.frame`.
-        value: column of the ratio.
-        partial: True to average the plans that a model has; else its mean is then NaN.
-    """
-    logs = rows.assign(log=np.log(rows[value].where(rows[value] > 0.0)))
-    votes = logs.groupby([*PLAN, "model"], sort=False)["log"]
-    means = votes.agg(_mean)
-    by_plan = means if partial else means.where(votes.count() == votes.size())
-    plans = rows.set_index(PLAN).index.unique()
-    table = by_plan.unstack("model").reindex(index=plans, columns=rows["model"].unique())
-    robots = table.groupby("robot", sort=False)
-    by_robot = robots.agg(_mean)
-    return by_robot if partial else by_robot.where(robots.count().eq(robots.size(), axis="index"))
-
-
-def _mean(values: Any) -> float:
-    """Return the mean without NaN; its rounding does not depend on the version of pandas."""
-    present = values.dropna().to_numpy()
-    return float(np.mean(present)) if len(present) else math.nan
-
-
-def model_frame(
-    scores: Scores,
-    few: Mapping[str, Scores] | None = None,
-    groups: Mapping[str, Collection[str]] | None = None,
-) -> DataFrame:
-    """Return a row per model, best first; models with missing scores come last.
-
-    Columns of all models: `model`, `mark`, `median` error in the metric's unit, `n tasks`,
-    `complete`, `ratio` (geometric mean of error / VJM's error over robots), `smallest` and
-    `largest` ratio of a task, `fit_s`. With enough robots of one kind also: `low` and `high` of the
-    ratio's interval, `p` against the VJM, and of complete models `verdict`, `won` (robots with the
-    smallest ratio), `n robots`, `worst`, `worst robot`, `p best`, `like best` (within 5 %),
-    `without low` and `without high` (range without any one robot), `p95`, `noise` and `path`. Keys
-    (`few`, heading), (`group`, name), (`measured`, data set) and (`measured verdict`, data set)
-    hold further ratios.
-
-    Args:
-        scores: scores on the robots.
-        few: scores with fewer poses on the same robots, by heading.
-        groups: data sets with a separate column, by its name.
-    """
-    from pandas import DataFrame, Index  # slow, and a single task needs no frame
-
-    claim = scores.claim
-    rows = scores.frame if claim is None else claim[1]
-    by_model = scores.frame.groupby("model")
-    table = DataFrame(index=Index(scores.models, name="model"))
-    table["mark"] = [scores.mark(name) for name in table.index]
-    table["median"] = by_model["error"].median()
-    table["n tasks"] = by_model.size()
-    ratios = by_model["error ratio"]
-    table["smallest"], table["largest"] = ratios.min(), ratios.max()
-    logs = robot_logs(rows, "error ratio", partial=True)
-    table["ratio"] = logs.apply(_mean).map(math.exp)
-    table["complete"] = table["n tasks"] == len(scores.tasks)
-    table["fit_s"] = [
-        scores.fit_s(name, scores.tasks if claim is None else rows["task"].unique())
-        for name in table.index
-    ]
-    if claim is not None:
-        table = _with_robots(table, scores, logs, few or {}, groups or {})
-    order = table["ratio"].fillna(scores.key.sign * table["median"])
-    table = table.assign(order=order, incomplete=~table["complete"]).reset_index()
-    return table.sort_values(["incomplete", "order", "model"]).drop(columns=["order", "incomplete"])
-
-
-def _with_robots(
-    table: DataFrame,
-    scores: Scores,
-    partial_logs: DataFrame,
-    few: Mapping[str, Scores],
-    groups: Mapping[str, Collection[str]],
-) -> DataFrame:
-    """Add the columns over robots."""
-    from pandas import Series  # slow, and a single task needs no frame
-
-    assert scores.claim is not None
-    kind, rows = scores.claim
-    for name, column in partial_logs.items():
-        if column.count() >= 2:
-            mean = mean_ratio(column.dropna())
-            table.loc[name, ["low", "high"]] = mean.low, mean.high
-    logs = robot_logs(rows, "error ratio").dropna(axis="columns")
-    table["complete"] |= table.index.isin(logs.columns)
-    if logs.empty:
-        return table
-    best = logs.mean().idxmin()
-    table["n robots"] = len(logs)
-    table["won"] = logs.idxmin(axis="columns").value_counts().reindex(logs.columns).fillna(0)
-    table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
-    left_out = {name: without_one(logs[name]) for name in logs}
-    table["without low"] = Series({name: of.min() for name, of in left_out.items()})
-    table["without high"] = Series({name: of.max() for name, of in left_out.items()})
-    table["p"] = _p_values(logs, REFERENCE_MODEL)
-    table["p best"] = _p_values(logs, best)
-    table["like best"] = Series(
-        {m: equivalence_p_value(logs[m] - logs[best]) < LEVEL for m in logs if m != best}
-    )
-    better = np.where(table["ratio"] < 1.0, "better", "worse")
-    table["verdict"] = np.where(table["p"] < LEVEL, better, "open")
-    further: dict[Any, DataFrame] = {
-        name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
-    }
-    for heading, of_few in few.items():
-        few_rows = of_few.frame if of_few.claim is None else of_few.claim[1]
-        further["few", heading] = robot_logs(few_rows, "error ratio")
-    for group, datasets in groups.items():
-        of_group = rows[rows["dataset"].isin(datasets)]
-        further["group", group] = robot_logs(of_group, "error ratio")
-    for key, of_robots in further.items():
-        table[key] = of_robots.mean(skipna=False).map(math.exp)
-    for dataset, tasks in scores.measured.items() if kind != "measured" else ():
-        of_data = scores.frame[scores.frame["task"].isin(tasks)]
-        complete = of_data.groupby("model").size() == len(tasks)
-        values = robot_logs(of_data, "error ratio").mean().map(math.exp)
-        table["measured", dataset] = values.where(complete)
-        verdicts = {name: {task.verdict(name) for task in tasks} for name in table.index}
-        table["measured verdict", dataset] = Series(
-            {name: of.pop() if len(of) == 1 else "open" for name, of in verdicts.items()}
-        )
-    return table
-
-
-def _p_values(logs: DataFrame, rival: object) -> Series[float]:
-    """Return sign-flip p-values against a model, corrected (Holm) for all models."""
-    from pandas import Series  # slow, and a single task needs no frame
-
-    differences = {str(name): logs[name] - logs[rival] for name in logs if name != rival}
-    return Series(corrected_p_values(differences), dtype=float)
-
-
-def with_verdict_counts(table: DataFrame, scores: Scores) -> DataFrame:
-    """Add the numbers of tasks in which a model is `better` than the VJM, `worse`, or `open`."""
-    counts = {
-        name: Counter(verdict for task in scores.tasks if (verdict := task.verdict(name)))
-        for name in table["model"]
-    }
-    return table.assign(
-        better=[counts[name]["a"] for name in table["model"]],
-        worse=[counts[name]["b"] for name in table["model"]],
-        open=[counts[name]["open"] + counts[name]["equivalent"] for name in table["model"]],
-    )
-
-
-def robot_ratios(scores: Scores) -> DataFrame:
-    """Return (robots, models) ratios to the VJM's error, for models with every score."""
-    from pandas import DataFrame  # slow, and a single task needs no frame
-
-    if scores.claim is None:
-        return DataFrame()
-    logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
-    return logs.map(math.exp)
-
-
-def control_frame(scores: Scores, pairs: Mapping[str, str]) -> DataFrame:
-    """Return learned models against their physics model or teacher.
-
-    Columns: `model`, `control`, `ratio`, `low`, `high`, `p` (corrected for all pairs), `equal`
-    (within 5 %). Pairs without every score are left out.
-    """
-    from pandas import DataFrame  # slow, and a single task needs no frame
-
-    if scores.claim is None:
-        return DataFrame()
-    logs = robot_logs(scores.claim[1], "error ratio").dropna(axis="columns")
-    there = {a: b for a, b in pairs.items() if a in logs and b in logs}
-    differences = {a: logs[a] - logs[b] for a, b in there.items()}
-    p_values = corrected_p_values(differences)
-    rows = []
-    for name, values in differences.items():
-        mean, is_equal = mean_ratio(values), equivalence_p_value(values) < LEVEL
-        rows.append(
-            {
-                **{"model": name, "control": there[name], "p": p_values[name]},
-                **{"ratio": mean.ratio, "low": mean.low, "high": mean.high, "equal": is_equal},
-            }
-        )
-    return DataFrame(rows)
-
-
-def split_counts(scores: Scores) -> dict[str, tuple[int, int]]:
-    """Return the numbers of scored and of all tasks of a claim, by model."""
-    if scores.claim is None:
-        return {}
-    counts = scores.claim[1].groupby("model", sort=False).size()
-    n_tasks = scores.claim[1]["task"].nunique()
-    return {name: (int(counts[name]), n_tasks) for name in scores.models if name in counts}
 
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """Scores of tasks that fit in one table, fair protocols first.
+    """Scores of tasks that fit in one table.
 
     Attributes:
-        sections: scores; protocols that select on the test part have a separate section.
+        scores: scores of the fairest protocols.
         notes: notes on results that do not count.
         provenance: versions of stiffbench that made the results.
     """
 
-    sections: tuple[Scores, ...]
+    scores: Scores
     notes: tuple[str, ...]
-    provenance: tuple[str, ...]
+    provenance: str
 
 
 def merge_training_seeds(stored: StoredResults) -> StoredResults:
@@ -275,8 +77,7 @@ def merge_training_seeds(stored: StoredResults) -> StoredResults:
             return result
         return replace(result, presentation=replace(result.presentation, model=name))
 
-    results = [renamed(result) for task in stored.tasks for result in task.every]
-    return StoredResults.of_results(stored.folder, results)
+    return StoredResults.of_results(stored.folder, [*map(renamed, stored.every)])
 
 
 def _without_seed(model: str) -> str:
@@ -286,59 +87,222 @@ def _without_seed(model: str) -> str:
 def build_leaderboard(
     stored: StoredResults, key: SortKey, selection: Selection = EVERYTHING, *, seed: int = 0
 ) -> Leaderboard:
-    """Score the selected models in every task of at least two of them.
+    """Score the selected models, and the VJM, in every task of at least two of them.
 
     Raises:
-        ConfigError: a name has no results, or no task has two models.
+        ConfigError: a name has no results, no task has two models, or no model has a score.
         StoreError: samples are corrupt, or two models share no split.
     """
     stored = merge_training_seeds(stored)
     tasks = selection.tasks_of(stored.tasks)
-    newest = sorted(newest_tasks(tasks), key=order_key)
-    usable = [task for task in newest if not task.presentation.reports_training]
-    names = selection.models_of(usable)
-    n_run = {task: sum(name in task.models for name in names) for task in usable}
-    comparable = [task for task in usable if n_run[task] > 1]
-    lonely = [task for task in usable if n_run[task] == 1]
-    notes = list(_data_notes(stored, tasks))
-    if lonely:
-        first = labels(task.name for task in usable)[lonely[0].name] + and_more(lonely)
-        notes.append(f"{first} is left out: none of the other models was run there.")
+    newest = newest_tasks(tasks)
+    names = selection.models_of([t for t in newest if not t.presentation.reports_training])
+
+    def reason(task: Task) -> str:
+        if task.presentation.reports_training:
+            return TRAINING_MARK
+        n_models = sum(name in task.models for name in names)
+        return "" if n_models > 1 else f"{('none', 'one')[n_models]} of the models was run there"
+
+    by_reason = grouped(newest, reason)
+    comparable = by_reason.pop("", [])
+    outcome = "they are never compared; only the data of the newest run count"
+    notes = [
+        *same_name_other_data(tasks, stored.data_of, outcome),
+        *left_out_notes(tasks),
+        *(f"Left out ({text}): {_places(of_text)}." for text, of_text in by_reason.items()),
+    ]
     if not comparable:
         reasons = "".join(f"; {note.removesuffix('.')}" for note in notes)
         raise ConfigError(
             "there is nothing to compare: no two models have results on the same data, "
             f"protocol and condition (models with results: {', '.join(names) or 'none'}){reasons}"
         )
-    names = [name for name in names if any(name in task.models for task in comparable)]
-    sections = []
-    for part in grouped(comparable, lambda task: task.presentation.selects_on_test).values():
-        scored = [
-            score_task(task, names, key, stored.data_of(task.name.data_sha256), seed)
-            for task in part
+    scores = Scores.of(stored, key, comparable, names, seed)
+    scored = {task.name for task in scores.tasks}
+    if without := [task for task in comparable if task.name not in scored]:
+        notes.append(f"Left out ({SELECTION_MARK}, or no model has a score): {_places(without)}.")
+    results = (of_model for task in scores.tasks for of_model in task.results.values())
+    counts = Counter(result.run_id for of_model in results for result in of_model)
+    return Leaderboard(scores, tuple(notes), sources(stored.folder, stored.runs, counts))
+
+
+def _places(tasks: Sequence[Task]) -> str:
+    return first_few([*labels(task.name for task in tasks).values()])
+
+
+def leaderboard_tables(board: Leaderboard) -> list[Table]:
+    """Return the tables per protocol and condition: over robots, or per data set."""
+    tables, has_datasets, scores = list[Table](), False, board.scores
+    plans = grouped(scores.tasks, lambda task: (task.name.protocol, task.name.condition))
+    for plan, tasks in plans.items():
+        of_tasks = scores.over(tasks)
+        of_plan = [] if scores.key.is_cost else plan_tables(of_tasks, plan, model_frame(of_tasks))
+        has_datasets |= not of_plan
+        tables += of_plan or dataset_tables(of_tasks)
+    notes = [task.task.presentation.warning for task in scores.tasks]
+    if has_datasets:
+        notes += [few_robots_text(scores)] if scores.claim is None else []
+        missing = [
+            f"{model} ({len(reasons)} of {len(scores.tasks)}: {reasons[0]})"
+            for model, reasons in scores.missing.items()
         ]
-        scored.sort(key=lambda task: task.kind != "measured")
-        sections.append(Scores(key, tuple(scored), {}, seed))
-    sections.sort(key=lambda section: section.selects_on_test)
-    run_ids = Counter(
-        result.run_id
-        for section in sections
-        for task in section.tasks
-        for model in task.scores
-        for result in task.results[model]
-    )
-    made_by = (sources(stored.folder, stored.runs, run_ids),)
-    return Leaderboard(tuple(sections), tuple(notes), made_by)
+        notes += [f"Scores are missing: {first_few(missing)}."] if missing else []
+    cut = [task for task in scores.tasks if task.left_out]
+    for text, tasks in grouped(cut, lambda task: task.left_out).items():
+        notes.append(f"{_places([task.task for task in tasks])}: {text}.")
+    notes += [*board.notes, *tables[0].notes]
+    tables[0] = replace(tables[0], notes=notes)
+    tables[-1] = replace(tables[-1], notes=[*tables[-1].notes, board.provenance])
+    return tables
 
 
-def _data_notes(stored: StoredResults, tasks: Sequence[Task]) -> Iterator[str]:
-    outcome = "they are never compared; only the data of the newest run count"
-    yield from same_name_other_data(tasks, stored.data_of, outcome)
-    yield from left_out_notes(tasks)
-    for protocol in sorted({t.name.protocol for t in tasks if t.presentation.reports_training}):
-        yield f"{protocol} is left out: {TRAINING_MARK}."
+def dataset_tables(scores: Scores) -> list[Table]:
+    """Return a table per data set, for tasks of one protocol and condition."""
+    tables = []
+    for tasks in grouped(scores.tasks, lambda task: task.name.dataset).values():
+        of_data = scores.over(tasks)
+        notes = [*dataset_notes(of_data), *caveats_of(task.task for task in tasks)]
+        tables.append(dataset_table(of_data, notes))
+    return tables
 
 
-def and_more(things: Sequence[object]) -> str:
-    """Return " (and 2 more)" for three things; "" for one."""
-    return f" (and {len(things) - 1} more)" if len(things) > 1 else ""
+def plan_tables(
+    scores: Scores,
+    plan: tuple[str, str],
+    table: DataFrame,
+    controls: Mapping[str, str] = MappingProxyType({}),
+) -> list[Table]:
+    """Return the tables over robots, the first with headline and sentences; [] for few robots."""
+    tables = board_tables(scores, table, controls, split_notes(scores, table))
+    if not tables:
+        return []
+    summary = summarize(scores, table)
+    title = f"{summary.headline} | {' | '.join(filter(None, plan))}"
+    notes = [*summary.lines, *tables[0].notes, *caveats_of(task.task for task in scores.tasks)]
+    tables[0] = replace(tables[0], title=title, notes=notes)
+    about = dict(zip(("protocol", "condition"), plan, strict=True))
+    return [replace(part, about={**part.about, **about}) for part in tables]
+
+
+# the leaderboard of a study
+
+
+VERIFIED = "verified"
+STATUS_NOTE = "reported: results of a submission whose code could not be run again."
+
+
+@dataclass(frozen=True, eq=False)
+class StudyLeaderboard:
+    """The leaderboard of a study: its main models over robots, and tables of the others.
+
+    Attributes:
+        every: results of the study.
+        settings: settings of the study.
+        groups: data sets with a separate column, by its name.
+        statuses: model -> "verified" or "reported"; empty: no column of status.
+    """
+
+    every: StoredResults
+    settings: BoardSettings
+    groups: Mapping[str, Collection[str]] = field(default_factory=dict)
+    statuses: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def stored(self) -> StoredResults:
+        """Return the results, with one name for all pre-training seeds of a model."""
+        return merge_training_seeds(self.every)
+
+    def _scores(self, protocol: str, names: Collection[str]) -> Scores:
+        tasks = [task for task in self.stored.tasks if task.name.protocol == protocol]
+        return Scores.of(self.stored, sort_key(), tasks, names)
+
+    @cached_property
+    def _names(self) -> set[str]:
+        every = {name for task in self.stored.tasks for name in task.models}
+        return every - {*self.settings.extras, *self.settings.variants}
+
+    @cached_property
+    def scores(self) -> Scores:
+        """Return the scores of the main models."""
+        return self._scores(self.settings.protocol, self._names)
+
+    @cached_property
+    def few(self) -> dict[str, Scores]:
+        """Return the scores of the main models with fewer poses, by heading."""
+        protocols = {task.name.protocol for task in self.stored.tasks}
+        headings = {name: of for name, of in self.settings.few.items() if of in protocols}
+        return {name: self._scores(protocol, self._names) for name, protocol in headings.items()}
+
+    @cached_property
+    def frame(self) -> DataFrame:
+        """Return the `model_frame` of the main models.
+
+        Raises:
+            ConfigError: fewer than five robots have results of a model.
+        """
+        table = model_frame(self.scores, self.few, self.groups)
+        if "won" not in table:
+            raise ConfigError("no model has all results on five robots: the study is not finished")
+        if self.statuses:
+            statuses = [self.statuses.get(name, VERIFIED) for name in table["model"]]
+            table = table.assign(status=statuses)
+        return table
+
+    @property
+    def board_frame(self) -> DataFrame:
+        """Return the rows of the board: models with every score, best first."""
+        return self.frame[self.frame["complete"]].sort_values("ratio", kind="stable")
+
+    @cached_property
+    def summary(self) -> Summary:
+        """Return the sentences; a withdrawn claim is replaced."""
+        summary = summarize(self.scores, self.frame)
+        return replace(summary, headline=self.settings.withdrawn or summary.headline)
+
+    @cached_property
+    def tables(self) -> list[Table]:
+        """Return headline, board, measured data, variants and extras; errors as `frame`."""
+        plan, controls = (self.settings.protocol, ""), self.settings.controls
+        board, *tables = plan_tables(self.scores, plan, self.frame, controls)
+        board = replace(board, title=self.settings.withdrawn or board.title)
+        if self.statuses:
+            board = replace(board, notes=[*board.notes, STATUS_NOTE])
+        measured = [*chain.from_iterable(self.scores.measured.values())]
+        tables += dataset_tables(self.scores.over(measured))
+        return [board, *tables, *self._variant_tables(), *self._extra_tables()]
+
+    def _variant_tables(self) -> Iterator[Table]:
+        """Yield the tables of variants and their controls, in the tasks of a variant."""
+        settings, variants = self.settings, {*self.settings.variants}
+        if not variants:
+            return
+        pairs = [pair for pair in settings.controls.items() if variants.intersection(pair)]
+        names = {*variants, *chain.from_iterable(pairs), REFERENCE_MODEL}
+        every = self._scores(settings.protocol, names)
+        scores = every.over([task for task in every.tasks if variants.intersection(task.scores)])
+        few = {heading: self._scores(settings.few[heading], names) for heading in self.few}
+        datasets = {*scores.rows["dataset"]}
+        groups = {name: of for name, of in self.groups.items() if datasets.intersection(of)}
+        table = model_frame(scores, few, groups)
+        for part in board_tables(scores, table, dict(pairs), split_notes(scores, table)):
+            title = f"Variants, on {', '.join(map(repr, groups))}: {part.title}"
+            yield replace(part, title=title, about={"table": "variants"})
+
+    def _extra_tables(self) -> Iterator[Table]:
+        """Yield the table of models that need more packages, on the averaged robots."""
+        extras = self.settings.extras
+        if not extras:
+            return
+        best = self.board_frame["model"].iloc[0]
+        every = self._scores(self.settings.protocol, {*extras, REFERENCE_MODEL, best})
+        scores = every.over([*every.rows["task"].unique()])
+        table = model_frame(scores)
+        first, *_ = board_tables(scores, table, {})
+        missing = sorted({*extras} - {*table[table["complete"]]["model"]})
+        yield replace(
+            first,
+            title=f"Models of other packages ({', '.join(extras)}) and the best",
+            notes=[f"not run here: {first_few(missing)}."] if missing else [],
+            about={"table": "extras"},
+        )

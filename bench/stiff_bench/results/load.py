@@ -79,7 +79,6 @@ class Task(BriefFields):
         newest_run: latest run that requested these results and failures.
         first_requested: position of its first fit in the order of the runs' requests; infinite if
             no run requested it.
-        cell: any of its fits; all have the same options of data set and protocol.
         left_out: reasons why some results do not count.
         every: all results, including those that do not count.
     """
@@ -89,7 +88,6 @@ class Task(BriefFields):
     models: Mapping[str, ModelResults]
     newest_run: str
     first_requested: float
-    cell: Cell
     left_out: tuple[str, ...]
     every: tuple[CellResult, ...] = field(repr=False)
 
@@ -97,6 +95,11 @@ class Task(BriefFields):
     def presentation(self) -> Presentation:
         """Return the labels printed with the numbers; its model is an arbitrary one."""
         return next(iter(self.models.values())).presentation
+
+    @property
+    def cell(self) -> Cell:
+        """Return any of its fits; all have the same options of data set and protocol."""
+        return next(iter(self.models.values())).cell
 
     @property
     def measured_sha256(self) -> str:
@@ -111,9 +114,7 @@ class Task(BriefFields):
     def results(self, model: str, splits: Sequence[SplitId] | None = None) -> list[CellResult]:
         """Return a model's results on these splits (default: all its splits), in order."""
         done = self.models[model].done
-        if splits is None:
-            return list(done.values())
-        return [done[split] for split in splits if split in done]
+        return [done[split] for split in (done if splits is None else splits) if split in done]
 
     def complete_results(self, model: str) -> list[CellResult]:
         """Return a model's results, or none unless every split has a result."""
@@ -166,11 +167,21 @@ class StoredResults(BriefFields):
         in_order = sorted(tasks, key=lambda task: (task.first_requested, task.name))
         return cls(folder, tuple(in_order), manifests)
 
+    @property
+    def every(self) -> tuple[CellResult, ...]:
+        """Return all results, including those that do not count."""
+        return tuple(result for task in self.tasks for result in task.every)
+
     def newest_results(self) -> list[CellResult]:
-        """Return the newest results and failures, sorted by task."""
+        """Return the newest results and failures, sorted by task: "n = 5" before "n = 10"."""
+
+        def place(task: Task) -> tuple[Any, ...]:
+            name = task.name
+            return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
+
         return [
             result
-            for task in sorted(self.tasks, key=order_key)
+            for task in sorted(self.tasks, key=place)
             for model in task.models.values()
             for result in (*model.done.values(), *model.failures.values())
         ]
@@ -179,12 +190,6 @@ class StoredResults(BriefFields):
 def model_names(tasks: Iterable[Task]) -> list[str]:
     """Return the names of all models with a result or a failure."""
     return sorted({name for task in tasks for name in task.models})
-
-
-def order_key(task: Task) -> tuple[Any, ...]:
-    """Return a sort key that puts "n = 5" before "n = 10"."""
-    name = task.name
-    return (*map(natural_key, (name.protocol, name.condition, name.dataset)), name)
 
 
 def newest_tasks(tasks: Sequence[Task]) -> list[Task]:
@@ -201,21 +206,19 @@ def newest_tasks(tasks: Sequence[Task]) -> list[Task]:
 
 @dataclass(frozen=True)
 class _Runs:
-    """The run of each result, and the order of the first requests.
-
-    Attributes:
-        newest: key of a fit -> the newest run that requested it.
-        first_requested: key of a fit -> its place among all fits in the order of requests.
-    """
+    """The newest run that requested each fit, by the fit's key, in the order of requests."""
 
     newest: Mapping[str, str]
-    first_requested: Mapping[str, int]
 
     @classmethod
     def of(cls, manifests: Iterable[RunManifest]) -> _Runs:
         in_order = sorted(manifests, key=lambda run: run.run_id)
-        newest = {key: run.run_id for run in in_order for key in run.cells}
-        return cls(newest, {key: place for place, key in enumerate(newest)})
+        return cls({key: run.run_id for run in in_order for key in run.cells})
+
+    @functools.cached_property
+    def first_requested(self) -> dict[str, int]:
+        """Place of each fit in the order of first requests."""
+        return {key: place for place, key in enumerate(self.newest)}
 
     def run_of(self, result: CellResult) -> str:
         """Return the newest run that requested or computed a result."""
@@ -235,11 +238,9 @@ class _Runs:
 
 def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
     results, left_out = _of_newest_splits(task_results, runs)
-    in_order = runs.newest_first(results)
-    newest_of = {result.presentation.model: result for result in reversed(in_order)}
     models = {}
     for model, of_model in sorted(grouped(results, lambda r: r.presentation.model).items()):
-        newest_result = newest_of[model]
+        newest_result = runs.newest_first(of_model)[0]
         current_results, notes = _of_newest_options(of_model, newest_result)
         left_out += notes
         by_split = {
@@ -253,15 +254,13 @@ def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
             n_requested=newest_result.n_splits,
         )
     splits = {split for model in models.values() for split in (*model.done, *model.failures)}
+    order = [runs.first_requested.get(result.cell.key, inf) for result in task_results]
     return Task(
         name=task_name_of(task_results[0]),
         splits=tuple(sorted(splits)),
         models=models,
-        newest_run=runs.run_of(in_order[0]),
-        first_requested=min(
-            runs.first_requested.get(result.cell.key, inf) for result in task_results
-        ),
-        cell=results[0].cell,
+        newest_run=max(map(runs.run_of, results)),
+        first_requested=min(order),
         left_out=tuple(left_out),
         every=tuple(task_results),
     )
@@ -296,30 +295,23 @@ def _of_newest_splits(
 def _of_newest_options(
     results: Sequence[CellResult], newest: CellResult
 ) -> tuple[list[CellResult], list[str]]:
-    """Return a model's results with options and version of its newest one, and notes.
+    """Return a model's results with options and version of its newest one, and a note.
 
     A name contains only the options that differ from their defaults. The same name has other
     options if a default, or a file that an option names, was changed.
     """
-    cell, name = newest.cell, newest.presentation.model
+    cell = newest.cell
     intervals = {0, max(result.cell.interval_version for result in results)}  # 0: no intervals
     same = [
         result
         for result in results
         if result.cell.model_version == cell.model_version
+        and result.cell.model_params == cell.model_params
         and result.cell.interval_version in intervals
     ]
-    notes = [f"older results of {name} by another version of it"] * (len(same) < len(results))
-    options = cell.model_params
-    differing = {
-        option
-        for result in same
-        for option in {*options, *result.cell.model_params}
-        if options.get(option) != result.cell.model_params.get(option)
-    }
-    if differing:
-        notes.append(f"older results of {name} with other options ({', '.join(sorted(differing))})")
-    return [result for result in same if result.cell.model_params == options], notes
+    name = newest.presentation.model
+    notes = [f"older results of {name} with another version or other options"]
+    return same, notes * (len(same) < len(results))
 
 
 def _select_result(results: Sequence[CellResult], runs: _Runs) -> CellResult:

@@ -2,48 +2,38 @@
 
 from __future__ import annotations
 
-import shlex
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from stiff_bench.console import one_line
 from stiff_bench.parameter_types import AxisName, Bounds, Form, Fraction, Seed
 from stiff_bench.results.columns import matrix_table, model_table, task_table
 from stiff_bench.results.comparison import compare_models
-from stiff_bench.results.leaderboard import build_leaderboard, model_frame
-from stiff_bench.results.leaderboard_tables import leaderboard_tables
+from stiff_bench.results.leaderboard import build_leaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults, newest_tasks
 from stiff_bench.results.metric_tables import metric_tables
-from stiff_bench.results.notes import failure_lines, left_out_notes, same_name_other_data
+from stiff_bench.results.notes import (
+    caveats_of,
+    failure_lines,
+    left_out_notes,
+    outcome_notes,
+    same_name_other_data,
+    size_notes,
+)
 from stiff_bench.results.scored_task import sort_key
-from stiff_bench.results.scores import Scores, fit_frame, identity_of, prediction_frame
-from stiff_bench.results.selection import EVERYTHING, Selection, matches_key
+from stiff_bench.results.scores import Scores, model_frame
+from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
-from stiff_bench.results.summary import (
-    summarize,
-    task_facts,
-    task_notes,
-    task_summary,
-    task_title,
-)
-from stiff_bench.store.database import read_results
-from stiff_bench.tables.table import SCREEN, Name
-from stiff_bench.tables.terminal import (
-    print_lines,
-    print_table,
-    screen_console,
-    screen_of,
-)
-from stiff_bench.tables.units import MM, first_few
+from stiff_bench.results.summary import summarize, task_headline, task_title
+from stiff_bench.tables.units import MM, PRINTED, first_few
 from stiff_bench.tables.writers import Tables
-from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning, unknown_name
+from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.scoring.metrics import metric
+from stiff_protocols.contract.types import AXES
+from stiff_protocols.scoring.metrics import METRICS, metric
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -52,6 +42,8 @@ if TYPE_CHECKING:
 
 RESULTS = Path("results/runs")
 """Default folder of results for `bench run` and for the commands that read results."""
+UNIT_WORDS = {"%": "percent", "1/s": "per_s"}
+"""Units as parts of a column's name."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,24 +84,14 @@ class Results:
             protocols: protocols, such as "holdout".
             conditions: conditions of the protocols, such as "n = 40".
         """
-        chosen = self.selection
-        return replace(
-            self,
-            selection=Selection(
-                tuple(models) or chosen.models,
-                tuple(datasets) or chosen.datasets,
-                tuple(protocols) or chosen.protocols,
-                tuple(conditions) or chosen.conditions,
-            ),
-        )
+        words = {"models": models, "datasets": datasets}
+        words |= {"protocols": protocols, "conditions": conditions}
+        given = {kind: tuple(names) for kind, names in words.items() if names}
+        return replace(self, selection=replace(self.selection, **given))
 
     @cached_property
     def stored(self) -> StoredResults:
-        """Return the results by task: of the finished run, or of the folder.
-
-        Raises:
-            StoreError: the folder has no results, or corrupt ones.
-        """
+        """Return the results by task: of the finished run, or of the folder."""
         if self.finished is not None:
             return StoredResults.of_results(self.folder, self.finished.results)
         return StoredResults.read(self.folder)
@@ -130,12 +112,9 @@ class Results:
     @property
     def every(self) -> tuple[CellResult, ...]:
         """Return all selected results, also older ones that newer results replace."""
-        every = self.finished.results if self.finished else read_results(self.folder)
-        return self._selected(every)
+        return self._selected(self.stored.every)
 
     def _selected(self, results: Sequence[CellResult]) -> tuple[CellResult, ...]:
-        if self.selection == EVERYTHING:
-            return tuple(results)
         tasks = self.selection.tasks_of(self.stored.tasks)
         names = self.selection.models_of(tasks)
         keys = {
@@ -155,7 +134,11 @@ class Results:
         has its reason and no values. Data sets with one name and different data differ in
         `data_sha256`; only the newest data are in the frame, and a warning names the older ones.
         """
-        self._warn_of_older_results()
+        tasks = self.selection.tasks_of(self.stored.tasks)
+        outcome = "only the newest is in the frame"
+        notes = same_name_other_data(tasks, self.stored.data_of, outcome)
+        for note in (*notes, *left_out_notes(tasks)):
+            warnings.warn(note, StiffBenchWarning, stacklevel=2)
         return fit_frame(self._current_fits, lambda sha256: self.stored.data_of(sha256).robot.name)
 
     def predictions(self) -> DataFrame:
@@ -180,13 +163,6 @@ class Results:
         current = newest_tasks(self.stored.tasks)
         keys = {result.cell.key for task in current for result in task.every}
         return [result for result in self.fits if result.cell.key in keys]
-
-    def _warn_of_older_results(self) -> None:
-        tasks = self.selection.tasks_of(self.stored.tasks)
-        outcome = "only the newest is in the frame"
-        notes = same_name_other_data(tasks, self.stored.data_of, outcome)
-        for note in (*notes, *left_out_notes(tasks)):
-            warnings.warn(note, StiffBenchWarning, stacklevel=3)
 
     def table(self, *metrics: str, verbose: bool = False) -> Tables:
         """Return a table per data set and protocol, as printed by `bench run`.
@@ -250,65 +226,36 @@ class Results:
         tasks = self.selection.tasks_of(self.stored.tasks)
         return Scores.of(self.stored, key, tasks, self.selection.models_of(tasks), seed=seed)
 
-    def summary(self, metric: str = "norm", axis: str | None = None, *, seed: int = 0) -> Tables:
+    def summary(self, *, verbose: bool = False) -> Tables:
         """Return the result as a headline and tables with notes.
 
         For one task there is a table of the models' errors. For several there is a table of the
-        models against the VJM, and a table of their errors per task. Arguments and errors are the
-        same as for `scores`.
+        models against the VJM, and a table of their errors per task. If no model has a score, there
+        are the tables of metrics. `verbose` adds a table per task and all notes.
+
+        Raises:
+            StoreError: the folder has no results, or corrupt ones.
         """
-        scores = self.scores(metric, axis, seed=seed)
-        failures = failure_lines(self.fits)
-        caveats = dict.fromkeys(note for task in scores.tasks for note in task_notes(task))
-        if len(scores.tasks) == 1 and metric == "norm":
-            (task,) = scores.tasks
-            notes = [task_facts(task), *failures, *caveats]
-            table = replace(task_table(task, task_title(task)), notes=notes, brief=True)
-            return Tables([table], self.command, task_summary(task).headline)
+        try:
+            scores = self.scores()
+        except ConfigError:
+            return self.table(verbose=verbose)
+        tasks = [task.task for task in scores.tasks]
+        done = [[*model.done.values()] for task in tasks for model in task.models.values()]
+        outcomes = [note for results in done if results for note in outcome_notes(results)]
+        notes = [*failure_lines(self.fits), *outcomes, *caveats_of(tasks)]
+        task_tables = [task_table(task, task_title(task)) for task in scores.tasks]
+        if len(tasks) == 1:
+            (task,), (table,) = scores.tasks, task_tables
+            notes = [*size_notes(next(iter(task.results.values()))), *notes]
+            table = replace(table, notes=notes, brief=not verbose)
+            return Tables([table], self.command, task_headline(task))
         models = model_frame(scores)
         summary, matrix = summarize(scores, models), matrix_table(scores, [*models["model"]])
         title = f"{scores.key.text} against the VJM's on {first_few(matrix.headings()[1:])}"
-        table = model_table(scores, models, title, [*summary.lines, *failures, *caveats])
-        return Tables([table, matrix], self.command, summary.headline)
-
-    def screen(self, *facts: str, verbose: bool = False) -> str:
-        """Return the result for a terminal, or the tables if no model has a score.
-
-        One task is printed as a table of its models, several as a matrix. With `verbose` the tables
-        of several tasks follow.
-
-        Args:
-            facts: facts about the run, such as its time.
-            verbose: True to add a table per task and all notes.
-        """
-        if (view := self.view()) is None:
-            return "\n".join([self.table(verbose=verbose).text_as(SCREEN), *facts])
-        first, *_, matrix = (*view.tables, view.tables[-1])
-        tables = [replace(matrix, notes=[])]
-        if verbose and len(view.tables) > 1:
-            tables += [task_table(task, task_title(task)) for task in self.scores().tasks]
-        console = screen_console()
-        for table in tables:
-            print_table(console, table)
-            console.print()
-        print_lines(console, f"{view.text.removesuffix('.')}.", style="bold")
-        for note in replace(first, brief=not verbose).visible_table().notes:
-            print_lines(console, note)
-        print_lines(console, ". ".join([*facts, ""]).strip(), style="dim")
-        best = first.rows[0][0]
-        line = self._next_commands(best.text if isinstance(best, Name) else "", console.width)
-        console.print(line, style="dim", soft_wrap=True)
-        return screen_of(console)
-
-    def _next_commands(self, best: str, width: int) -> str:
-        """Return a line with the next commands, or a line each if they are long."""
-        folder = "" if self.folder == RESULTS else f" --results {shlex.quote(str(self.folder))}"
-        options, model = one_line(folder), shlex.quote(one_line(best))
-        commands = [f"bench report{options} --output report.html", "more metrics: --metric stde"]
-        if best not in ("", REFERENCE_MODEL):
-            commands.insert(0, f"bench compare {model} {REFERENCE_MODEL}{options}")
-        line = f"Next: {' · '.join(commands)}"
-        return line if len(line) <= width else "Next: " + "\n      ".join(commands)
+        table = model_table(scores, models, title, [*summary.lines, *notes])
+        tables = [replace(table, brief=not verbose), matrix, *(task_tables if verbose else [])]
+        return Tables(tables, self.command, summary.headline)
 
     def leaderboard(
         self, metric: str = "norm", axis: AxisName | None = None, *, seed: Seed = 0
@@ -333,40 +280,87 @@ class Results:
         about = {"sort_key": key.text, "direction": key.metric.direction}
         return Tables(leaderboard_tables(board), self.command, about=about)
 
-    def __len__(self) -> int:
-        """Return the number of results and failures."""
-        return len(self.fits)
-
     def __getitem__(self, model: str) -> Results:
         """Return the results of one model, or of all variants of a key.
 
         Raises:
             ConfigError: the model has no results.
         """
-        names = list(dict.fromkeys(result.presentation.model for result in self.fits))
-        if not isinstance(model, str) or not any(matches_key(model, name) for name in names):
-            raise unknown_name("model with results", str(model), names)
-        return self.select(models=[model])
-
-    __iter__ = None
-    """Results are not a sequence; `fits` has them."""
-
-    def view(self) -> Tables | None:
-        """Return the summary; None: no model has a score."""
-        try:
-            return self.summary()
-        except ConfigError:
-            return None
+        chosen = self.select(models=[str(model)])
+        chosen.fits  # noqa: B018  # an unknown name raises
+        return chosen
 
     def __repr__(self) -> str:
         """Return the result for a screen, with its first table."""
-        view = self.view() or self.table()
-        return repr(replace(view, tables=view.tables[:1]))
+        summary = self.summary()
+        return repr(replace(summary, tables=summary.tables[:1]))
 
     def _repr_html_(self) -> str:
-        return (self.view() or self.table())._repr_html_()
+        return self.summary()._repr_html_()
 
 
 def open_results(folder: Path | str) -> Results:
     """Return the results of a folder, such as the --output of `bench run`."""
     return Results(Path(folder), command=f"stiffbench.open_results({str(folder)!r})")
+
+
+# rows of frames
+
+
+def identity_of(result: CellResult) -> dict[str, Any]:
+    """Return the columns that identify a fit in a frame."""
+    cell, texts = result.cell, result.presentation
+    return {
+        "model": texts.model,
+        "dataset": texts.dataset,
+        "kind": texts.kind,
+        "protocol": texts.protocol,
+        "condition": cell.condition,
+        "seed": cell.seed,
+        "split": cell.split_index,
+        "model_version": cell.model_version,
+        "data_sha256": cell.data_sha256,
+        "run": result.run_id,
+    }
+
+
+def fit_frame(results: Iterable[CellResult], robot_of: Callable[[str], str]) -> DataFrame:
+    """Return a row per fit: identity, status, all metrics and costs in printed units.
+
+    The unit ends the name of a column: `norm_mm`, `mae_x_mm`, `removed_percent`, `fit_time_ms`.
+
+    Args:
+        results: fits; a failed one has its reason and no values.
+        robot_of: function that returns the robot's name for the hash of a data set.
+    """
+    from pandas import DataFrame  # slow, and a single task needs no frame
+
+    rows = []
+    for result in results:
+        row = identity_of(result) | {"robot": robot_of(result.cell.data_sha256)}
+        row |= {"status": result.status, "failure": result.failure}
+        for item in METRICS.values():
+            unit, factor = PRINTED[item.unit]
+            for axis, value in item.of_result(result).items():
+                words = (item.key.replace("-", "_"), axis, UNIT_WORDS.get(unit, unit))
+                row["_".join(filter(None, words))] = factor * value
+        rows.append(row)
+    return DataFrame(rows)
+
+
+def prediction_frame(results: Iterable[CellResult]) -> DataFrame:
+    """Return a row per test sample: identity, row, measured and predicted deflection, mm."""
+    from pandas import DataFrame, concat  # slow, and a single task needs no frame
+
+    parts = []
+    for result in results:
+        if (prediction := result.prediction) is None:
+            continue
+        arrays = {"": prediction.measured, "_predicted": prediction.predicted}
+        columns = {
+            f"d{axis}{name}_mm": MM * array[:, number]
+            for name, array in arrays.items()
+            for number, axis in enumerate(AXES)
+        }
+        parts.append(DataFrame({**identity_of(result), "row": prediction.rows, **columns}))
+    return concat(parts, ignore_index=True) if parts else DataFrame()

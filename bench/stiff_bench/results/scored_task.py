@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from stiff_bench.results.significance import (
     decide_pairs,
     estimates,
 )
-from stiff_bench.store.names import TaskName, grouped, without_options
+from stiff_bench.store.names import TaskName, without_options
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.units import PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -83,11 +82,6 @@ class SortKey:
         return -1.0 if self.metric.direction == "larger" else 1.0
 
     @property
-    def resamples(self) -> bool:
-        """Return True if the metric is a mean over rows, so that poses can be resampled."""
-        return self.metric.key in _ROW_ERRORS
-
-    @property
     def is_cost(self) -> bool:
         """Return True for time or memory; no statistical test applies to these."""
         return self.metric.of_cost is not None
@@ -109,13 +103,13 @@ class SortKey:
             return None
         return np.asarray(np.mean(of_axes, axis=0))
 
-    def of_rows(self, prediction: Prediction) -> FloatArray:
-        """Return the (n,) errors, m, whose mean is the value; only if `resamples`."""
+    def of_rows(self, prediction: Prediction) -> FloatArray | None:
+        """Return the (n,) errors, m, whose mean is the value; None: not a mean over rows."""
+        if self.metric.key not in _ROW_ERRORS:
+            return None
         errors = _ROW_ERRORS[self.metric.key](prediction)
-        if errors.ndim == 1:
-            return errors
         columns = [self.metric.axes.index(axis) for axis in self._axes]
-        return np.asarray(errors[:, columns].mean(axis=1))
+        return np.asarray(errors.reshape(len(errors), -1)[:, columns].mean(axis=1))
 
 
 def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
@@ -126,18 +120,12 @@ def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
     """
     chosen_metric = metric(key)
     if chosen_metric.needs_interval:
-        reason = "narrower intervals are better only at equal coverage"
-        if chosen_metric.direction == "nominal":
-            reason = "its best value is the nominal one"
         valid = ", ".join(m.key for m in METRICS.values() if not m.needs_interval)
-        raise ConfigError(f"{key}: {reason}, so it does not rank models (valid: {valid})", "metric")
-    if axis is not None and axis not in AXES:
-        raise ConfigError(f"{axis!r} (valid: {', '.join(AXES)})", "axis")
+        raise ConfigError(f"{key} does not rank models (valid: {valid})", "metric")
     if axis is not None and axis not in chosen_metric.axes:
         with_axes = ", ".join(m.key for m in METRICS.values() if m.axes == AXES)
-        raise ConfigError(
-            f"{axis}: {key} has no axes; use a metric with axes ({with_axes})", "axis"
-        )
+        need = f"use {', '.join(AXES)} of a metric with axes ({with_axes})"
+        raise ConfigError(f"{axis!r}: no axis of {key}; {need}", "axis")
     return SortKey(chosen_metric, axis or "")
 
 
@@ -254,12 +242,9 @@ class ScoredTask(BriefFields):
             return set()
         return {best} | {m for m, verdict in zip(rivals, verdicts, strict=True) if verdict != "a"}
 
-    def failed(self, model: str) -> str:
-        """Return "FAILED" or "SKIPPED" if a model was run without a result; else ""."""
-        stored = self.task.models.get(model)
-        if model not in self.missing or stored is None or not stored.failures:
-            return ""
-        return _usual_failure(stored).status.upper()
+    def status(self, model: str) -> str:
+        """Return a short reason for a missing score, such as "FAILED"; "" if there is one."""
+        return self.missing.get(model, "").partition(":")[0]
 
     @property
     def left_out(self) -> str:
@@ -268,50 +253,43 @@ class ScoredTask(BriefFields):
         n_count, n_all = len(self.splits), len(every)
         return f"only the {n_count} of {n_all} splits that all have count" * (n_all > n_count)
 
+    def ratio(self, model: str) -> float:
+        """Return a model's error over the VJM's; NaN if one is missing or no error."""
+        if self.key.sign < 0.0 or not {model, REFERENCE_MODEL} <= self.scores.keys():
+            return math.nan
+        error, reference = self.mean(model), self.mean(REFERENCE_MODEL)
+        return error / reference if error > 0.0 and reference else math.nan
+
     def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield a row per ranked model: what the task is, its error, and ratios to the VJM's.
+        """Yield a row per ranked model: what the task is, and its numbers.
 
-        `error` and `noise` are in the metric's unit. Ratios are NaN if the score is not an error,
-        or a number is missing.
+        `error` and `noise` are in the metric's unit, the percentile `p95` and the error left on
+        tool `path`s in m and mm; NaN: unknown.
         """
-        floor = self.bounds(NOISE_FLOOR)
-        noise = _mean(self.key.of_splits(floor)) if floor else math.nan
-        place = {
-            "robot": self.data.robot.name,
-            "kind": self.kind,
-            "family": family_of(self.name),
-            "dataset": self.name.dataset,
-            "protocol": self.name.protocol,
-            "condition": self.name.condition,
-        }
-        numbers = {model: self._numbers(model) for model in self.scores}
-        reference = numbers.get(REFERENCE_MODEL, {})
-        for model, of_model in numbers.items():
-            ratios = {
-                f"{name} ratio": _ratio(value, reference.get(name, math.nan))
-                for name, value in of_model.items()
+        noise = _mean(self.key, self.bounds(NOISE_FLOOR))
+        for model in self.scores:
+            results = self.results[model]
+            paths = [result.diagnostics.get(PATH_ERROR, math.nan) for result in results]
+            yield {
+                "task": self,
+                "model": model,
+                "robot": self.data.robot.name,
+                "kind": self.kind,
+                "family": family_of(self.name),
+                "dataset": self.name.dataset,
+                "protocol": self.name.protocol,
+                "condition": self.name.condition,
+                "error": self.mean(model),
+                "error ratio": self.ratio(model),
+                "p95": _mean(_P95, results),
+                "path": float(np.mean(paths)),
+                "noise": noise,
             }
-            if of_model["error"] <= 0.0 or self.key.sign < 0.0:
-                ratios["error ratio"] = math.nan
-            ratios["noise ratio"] = _ratio(of_model["error"], noise)
-            yield {"task": self, "model": model, **place, **of_model, "noise": noise, **ratios}
-
-    def _numbers(self, model: str) -> dict[str, float]:
-        results = self.results[model]
-        paths = [result.diagnostics.get(PATH_ERROR, math.nan) for result in results]
-        return {
-            "error": self.mean(model),
-            "p95": _mean(_P95.of_splits(results)),
-            "path": float(np.mean(paths)),
-        }
 
 
-def _mean(values: FloatArray | None) -> float:
+def _mean(key: SortKey, results: Sequence[CellResult]) -> float:
+    values = key.of_splits(results) if results else None
     return math.nan if values is None else float(values.mean())
-
-
-def _ratio(value: float, reference: float) -> float:
-    return value / reference if reference else math.nan
 
 
 def split_sizes(results: Sequence[CellResult]) -> tuple[float, float]:
@@ -353,18 +331,16 @@ def shared_errors(
         DataError: the models were not tested on the same rows.
     """
     columns = np.column_stack(scores)  # (J, m)
-    of_poses = None
-    if key.resamples:
-        predictions = [pooled_prediction(of_model) for of_model in results]
-        rows = predictions[0].rows
-        if not all(np.array_equal(rows, prediction.rows) for prediction in predictions):
-            raise DataError("only models that were tested on the same rows can be compared")
-        errors = np.column_stack([key.of_rows(prediction) for prediction in predictions])
-        of_poses = pose_errors(data.samples.pose_id, errors, rows)
+    predictions = [pooled_prediction(of_model) for of_model in results]
+    of_rows = [key.of_rows(prediction) for prediction in predictions]
+    errors, rows = [of_model for of_model in of_rows if of_model is not None], predictions[0].rows
+    if errors and not all(np.array_equal(rows, prediction.rows) for prediction in predictions):
+        raise DataError("only models that were tested on the same rows can be compared")
+    pose_id = data.samples.pose_id
     return SharedErrors(
         of_splits=key.sign * columns if len(columns) > 1 else None,
         test_share=_test_share(results[0], data),
-        of_poses=of_poses,
+        of_poses=pose_errors(pose_id, np.column_stack(errors), rows) if errors else None,
         seed=seed,
     )
 
@@ -388,17 +364,12 @@ def score_task(
         if model in task.models and not task.models[model].failures
     }
     scores = {model: key.of_splits(of_model) for model, of_model in results.items()}
-    missing = {
-        model: reason for model in models if (reason := _missing_reason(task, model, scores, key))
-    }
-    missing |= _unfinished(task, [model for model in models if model not in missing])
+    missing = _missing_reasons(task, models, scores, key)
     present = [model for model in models if model not in missing]
     splits = tuple(task.shared_splits(present)) if present else ()
     if present and not splits:
-        pairs = combinations(present, 2)
-        apart = next((pair for pair in pairs if not task.shared_splits(pair)), present)
         raise StoreError(
-            f"{task.name.text}: {' and '.join(apart)} were run on different splits and share "
+            f"{task.name.text}: {' and '.join(present)} were run on different splits and share "
             "none, so they cannot be compared; leave one of them out or run it again"
         )
     for model in present:
@@ -418,33 +389,24 @@ def score_task(
     return ScoredTask(task, key, data, seed, splits, ranked_results, values, missing)
 
 
-def _missing_reason(
-    task: Task, model: str, values: Mapping[str, FloatArray | None], key: SortKey
-) -> str:
-    stored = task.models.get(model)
-    if stored is None:
-        return "not run"
-    if stored.failures:
-        usual, n_failed = _usual_failure(stored), len(stored.failures)
-        where = f"{n_failed} of {n_failed + len(stored.done)} splits"
-        return f"{usual.status.upper()} in {where}: {' '.join(usual.failure.split())}"
-    return f"no value of {key.text}" if values[model] is None else ""
-
-
-def _usual_failure(stored: ModelResults) -> CellResult:
-    """Return a record of a model's most frequent failure."""
-    alike = grouped(stored.failures.values(), lambda failure: failure.why_none)
-    return max(alike.values(), key=len)[0]
-
-
-def _unfinished(task: Task, models: Sequence[str]) -> dict[str, str]:
-    """Return the models that are not ranked because their run is not finished."""
-    stored = {model: task.models[model] for model in models}
-    unfinished = [m for m, of_model in stored.items() if len(of_model.done) < of_model.n_requested]
-    finished = [model for model in models if model not in unfinished]
+def _missing_reasons(
+    task: Task, models: Sequence[str], scores: Mapping[str, FloatArray | None], key: SortKey
+) -> dict[str, str]:
+    """Return the models that are not ranked, with the reason; a colon ends its short form."""
+    missing = dict[str, str]()
+    for model in models:
+        if (stored := task.models.get(model)) is None:
+            missing[model] = "not run"
+        elif stored.failures:
+            failure = next(iter(stored.failures.values()))
+            missing[model] = f"{failure.status.upper()}: {' '.join(failure.failure.split())}"
+        elif scores[model] is None:
+            missing[model] = f"no value of {key.text}"
+    of_models = {model: task.models[model] for model in models if model not in missing}
+    finished = [m for m, stored in of_models.items() if len(stored.done) >= stored.n_requested]
     needed = set(task.shared_splits(finished))
-    return {
-        model: f"{len(of_model.done)} of {of_model.n_requested} splits: run not finished"
-        for model, of_model in stored.items()
-        if model in unfinished and (not finished or not needed <= of_model.done.keys())
-    }
+    for model, stored in of_models.items():
+        if not finished or not needed <= stored.done.keys():
+            n_done = f"{len(stored.done)} of {stored.n_requested} splits"
+            missing[model] = f"{n_done}: run not finished"
+    return missing

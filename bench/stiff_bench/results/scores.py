@@ -1,98 +1,45 @@
-"""Frames of results: a row per fit, and a row per task and model."""
+"""Scores of models in several tasks, and models over robots.
+
+The main number of a model is its error over the VJM's: the geometric mean over robots, and for each
+robot over its data sets with equal weights. Measured robots have separate columns and are never
+averaged with simulated robots.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from itertools import chain
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.results.fit_values import metric_lines
-from stiff_bench.results.load import StoredResults, Task, newest_tasks
+from stiff_bench.results.load import StoredResults, Task, model_names, newest_tasks
 from stiff_bench.results.notes import mark_of
 from stiff_bench.results.scored_task import ScoredTask, SortKey, family_of, score_task
-from stiff_bench.store.names import TaskName, grouped
-from stiff_bench.tables.units import MM, PRINTED
+from stiff_bench.store.names import grouped
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import AXES
-from stiff_protocols.scoring.metrics import METRICS
+from stiff_protocols.scoring.over_robots import (
+    corrected_p_values,
+    equivalence_p_value,
+    mean_ratio,
+    without_one,
+)
+from stiff_protocols.scoring.paired import LEVEL
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
 FEWEST_ROBOTS = 5
 """Smallest number of robots with an interval over them."""
-
-
-def identity_of(result: CellResult) -> dict[str, Any]:
-    """Return the columns that identify a fit in a frame."""
-    cell, texts = result.cell, result.presentation
-    return {
-        "model": texts.model,
-        "dataset": texts.dataset,
-        "kind": texts.kind,
-        "protocol": texts.protocol,
-        "condition": cell.condition,
-        "seed": cell.seed,
-        "split": cell.split_index,
-        "model_version": cell.model_version,
-        "data_sha256": cell.data_sha256,
-        "run": result.run_id,
-    }
-
-
-def fit_frame(results: Iterable[CellResult], robot_of: Callable[[str], str]) -> DataFrame:
-    """Return a row per fit: identity, status, all metrics and costs in printed units.
-
-    The unit ends the name of a column: `norm_mm`, `mae_x_mm`, `removed_percent`, `fit_time_ms`.
-
-    Args:
-        results: fits; a failed one has its reason and no values.
-        robot_of: function that returns the robot's name for the hash of a data set.
-    """
-    from pandas import DataFrame  # slow, and a single task needs no frame
-
-    columns = {
-        (item.key, axis): "_".join(filter(None, (item.key.replace("-", "_"), axis, unit)))
-        for item in METRICS.values()
-        for unit in [_UNIT_WORDS.get(PRINTED[item.unit][0], PRINTED[item.unit][0])]
-        for axis in item.axes
-    }
-    rows = []
-    for result in results:
-        lines = [] if result.prediction is None else metric_lines(result.prediction, result.cost)
-        values = {columns[str(line["metric"]), str(line["axis"])]: line["value"] for line in lines}
-        row = identity_of(result) | {"robot": robot_of(result.cell.data_sha256)}
-        rows.append({**row, "status": result.status, "failure": result.failure, **values})
-    return DataFrame(rows)
-
-
-_UNIT_WORDS = {"%": "percent", "1/s": "per_s"}
-"""Units as parts of a column's name."""
-
-
-def prediction_frame(results: Iterable[CellResult]) -> DataFrame:
-    """Return a row per test sample: identity, row, measured and predicted deflection, mm."""
-    from pandas import DataFrame, concat  # slow, and a single task needs no frame
-
-    parts = []
-    for result in results:
-        if (prediction := result.prediction) is None:
-            continue
-        arrays = {"": prediction.measured, "_predicted": prediction.predicted}
-        columns = {
-            f"d{axis}{name}_mm": MM * array[:, number]
-            for name, array in arrays.items()
-            for number, axis in enumerate(AXES)
-        }
-        parts.append(DataFrame({**identity_of(result), "row": prediction.rows, **columns}))
-    return concat(parts, ignore_index=True) if parts else DataFrame()
+PLAN = ["robot", "family", "protocol"]
+"""Columns of a vote: each data set and protocol of a robot has the same weight."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,65 +48,49 @@ class Scores(BriefFields):
 
     Attributes:
         key: metric of the scores.
-        tasks: tasks, measured data first, then in the order in which runs requested them.
-        left_out: reasons why tasks do not count, by their name.
-        seed: seed of the draws of poses.
+        tasks: tasks, measured data first.
     """
 
     key: SortKey
     tasks: tuple[ScoredTask, ...]
-    left_out: Mapping[str, str]
-    seed: int = 0
 
     @classmethod
     def of(
         cls,
         stored: StoredResults,
         key: SortKey,
-        tasks: Sequence[Task] | None = None,
+        tasks: Sequence[Task],
         models: Collection[str] | None = None,
-        *,
         seed: int = 0,
     ) -> Scores:
-        """Score models in stored results.
+        """Score models in the fairest tasks; measured data come first, then the order of requests.
 
         Results that select on the test part or report training errors count only without
-        other results.
+        other results, and tasks only if a model has a score.
 
-        Args:
-            stored: results with their samples.
-            key: metric to score by.
-            tasks: tasks to score; None: all of `stored`.
-            models: exact names of models to score; None: all.
-            seed: seed of the draws of poses.
+        Only tasks on a data set's newest data count. `models` has exact names to score, in
+        addition to the VJM; None: all. `seed` is for the draws of poses.
 
         Raises:
             ConfigError: no model has a score.
             StoreError: samples are corrupt, or two models share no split.
         """
-        newest = newest_tasks(stored.tasks if tasks is None else tasks)
-        fair = [task for task in newest if not task.presentation.reports_training]
-        fair = [task for task in fair if not task.presentation.selects_on_test] or fair or newest
-        left_out = {
-            task.name.text: "selects on the test part or reports training samples"
-            for task in newest
-            if task not in fair
-        }
-        request_order = {id(task): number for number, task in enumerate(stored.tasks)}
-        fair.sort(key=lambda task: (task.presentation.kind != "measured", request_order[id(task)]))
-        chosen = None if models is None else {*models, REFERENCE_MODEL}
+        newest = sorted(newest_tasks(tasks), key=lambda task: (task.first_requested, task.name))
+        by_fairness = grouped(
+            newest, lambda t: (t.presentation.reports_training, t.presentation.selects_on_test)
+        )
+        fairest = by_fairness[min(by_fairness)] if by_fairness else []
+        names = model_names(fairest)
+        if models is not None:
+            names = [name for name in names if name in {*models, REFERENCE_MODEL}]
         scored = [
-            score_task(
-                task,
-                [name for name in task.models if chosen is None or name in chosen],
-                *(key, stored.data_of(task.name.data_sha256), seed),
-            )
-            for task in fair
+            score_task(task, names, key, stored.data_of(task.name.data_sha256), seed)
+            for task in fairest
         ]
-        with_scores = tuple(task for task in scored if task.scores)
+        with_scores = [task for task in scored if task.scores]
         if not with_scores:
             raise ConfigError(f"no model has a score of {key.text}")
-        return cls(key, with_scores, left_out, seed)
+        return cls(key, tuple(sorted(with_scores, key=lambda task: task.kind != "measured")))
 
     def over(self, tasks: Sequence[ScoredTask]) -> Scores:
         """Return the scores in some of the tasks."""
@@ -170,33 +101,31 @@ class Scores(BriefFields):
         """Return the models with a score."""
         return tuple(dict.fromkeys(name for task in self.tasks for name in task.scores))
 
+    @property
+    def missing(self) -> dict[str, list[str]]:
+        """Return reasons for missing scores, one per task, of models that were run."""
+        reasons = {
+            name: [task.missing[name] for task in self.tasks if name in task.missing]
+            for name in model_names(task.task for task in self.tasks)
+        }
+        return {name: of_model for name, of_model in reasons.items() if of_model}
+
     @cached_property
     def frame(self) -> DataFrame:
-        """Return a row per task and ranked model; see `ScoredTask.rows`."""
+        """Return a row per task and ranked model, with ratios to the VJM's numbers.
+
+        Columns of `ScoredTask.rows`, and `p95 ratio`, `path ratio` and `noise ratio` (error over
+        noise); NaN: a number is missing.
+        """
         from pandas import DataFrame  # slow, and a single task needs no frame
 
-        return DataFrame([row for task in self.tasks for row in task.rows()])
-
-    @property
-    def selects_on_test(self) -> bool:
-        """Return True if the protocols let models pick the epoch on the test part."""
-        return self.tasks[0].task.presentation.selects_on_test
-
-    @property
-    def missing(self) -> dict[str, dict[TaskName, str]]:
-        """Return reasons for missing scores, by model and task, of models that were run."""
-        names = dict.fromkeys(name for task in self.tasks for name in task.missing)
-        run = {name for name in names if any(name in task.task.models for task in self.tasks)}
-        return {
-            name: {task.name: task.missing[name] for task in self.tasks if name in task.missing}
-            for name in names
-            if name in run
-        }
-
-    @cached_property
-    def robots(self) -> dict[str, list[ScoredTask]]:
-        """Return tasks by robot type; specimens and plans of a type are one robot."""
-        return grouped(self.tasks, lambda task: task.data.robot.name)
+        frame = DataFrame([row for task in self.tasks for row in task.rows()])
+        of_vjm = frame[frame["model"] == REFERENCE_MODEL].set_index("task")
+        for name in ("p95", "path"):
+            reference = frame["task"].map(of_vjm[name])
+            frame[f"{name} ratio"] = frame[name] / reference.where(reference > 0.0)
+        frame["noise ratio"] = frame["error"] / frame["noise"].where(frame["noise"] > 0.0)
+        return frame
 
     @cached_property
     def datasets(self) -> dict[str, list[ScoredTask]]:
@@ -206,11 +135,10 @@ class Scores(BriefFields):
     @cached_property
     def columns(self) -> dict[tuple[str, str, str], list[ScoredTask]]:
         """Return tasks by data set, protocol and condition: specimens and seeds together."""
-        by_heading = grouped(
-            self.tasks, lambda task: (family_of(task.name), task.name.protocol, task.name.condition)
+        by_dataset = chain.from_iterable(self.datasets.values())
+        return grouped(
+            by_dataset, lambda task: (family_of(task.name), task.name.protocol, task.name.condition)
         )
-        order = list(self.datasets)
-        return dict(sorted(by_heading.items(), key=lambda item: order.index(item[0][0])))
 
     @property
     def measured(self) -> dict[str, list[ScoredTask]]:
@@ -218,47 +146,188 @@ class Scores(BriefFields):
         return {name: of for name, of in self.datasets.items() if of[0].kind == "measured"}
 
     @cached_property
-    def claim(self) -> tuple[str, DataFrame] | None:
-        """Return kind and rows of the robots of a claim: the measured ones if there are enough.
+    def claim(self) -> str | None:
+        """Return the kind of the robots of a claim: the measured ones if there are enough.
 
         Measured and simulated robots are never averaged. None: fewer than `FEWEST_ROBOTS` of each
         kind.
         """
-        for kind in dict.fromkeys(["measured", "simulated", *self.frame["kind"]]):
-            rows = self.frame[self.frame["kind"] == kind]
-            if rows["robot"].nunique() >= FEWEST_ROBOTS:
-                return kind, rows
-        return None
+        n_robots: dict[Any, int] = self.frame.groupby("kind")["robot"].nunique().to_dict()
+        kinds = dict.fromkeys(["measured", "simulated", *n_robots])
+        return next((kind for kind in kinds if n_robots.get(kind, 0) >= FEWEST_ROBOTS), None)
+
+    @cached_property
+    def rows(self) -> DataFrame:
+        """Return the rows of `frame` on the robots of the claim; all if there is none."""
+        return self.frame if self.claim is None else self.frame[self.frame["kind"] == self.claim]
 
     @property
     def scope(self) -> str:
         """Return number and kind of the robots of a claim, such as "12 simulated robots"."""
-        if self.claim is None:
-            return ""
-        kind, rows = self.claim
-        return f"{rows['robot'].nunique()} {kind} robots"
+        return f"{self.rows['robot'].nunique()} {self.claim} robots" if self.claim else ""
 
-    def noise(self, tasks: Sequence[ScoredTask]) -> float:
-        """Return the mean noise floor of tasks, in the metric's unit; NaN: unknown."""
-        rows = self.frame[self.frame["task"].isin(tasks)].drop_duplicates("task")
-        return float(np.mean(rows["noise"].to_numpy()))
+    def verdict_counts(self, model: str) -> Counter[str]:
+        """Return the numbers of tasks by verdict on a model ("a") and the VJM ("b")."""
+        return Counter(verdict for task in self.tasks if (verdict := task.verdict(model)))
 
-    def mark(self, model: str, protocol: str = "") -> str:
-        """Return the text printed next to a model's name, for one protocol or all."""
-        marks = [
-            mark_of(task.task.models[model].presentation)
-            for task in self.tasks
-            if protocol in ("", task.name.protocol) and model in task.task.models
-        ]
+    def mark(self, model: str) -> str:
+        """Return the text printed next to a model's name."""
+        models = (task.task.models.get(model) for task in self.tasks)
+        marks = (mark_of(stored.presentation) for stored in models if stored is not None)
         return ", ".join(filter(None, dict.fromkeys(marks)))
 
-    def costs(self, model: str) -> list[Cost]:
-        """Return the recorded costs of a model's scored fits."""
-        results = (result for task in self.tasks for result in task.results.get(model, ()))
-        return [result.cost for result in results if result.cost is not None]
 
-    def fit_s(self, model: str, tasks: Iterable[ScoredTask]) -> float:
-        """Return the median fit time of a model in tasks, s; NaN: not recorded."""
-        costs = [result.cost for task in tasks for result in task.results.get(model, ())]
-        times = [cost.fit_s for cost in costs if cost is not None]
-        return float(np.median(times)) if times else math.nan
+# models over robots
+
+
+def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFrame:
+    """Return (robots, models) mean logarithms of a ratio, with one vote per plan of a robot.
+
+    A model needs only one split of a data set: its error is divided by the VJM's on that split.
+    `rows` are of `Scores.frame`, `value` is the ratio's column. With `partial` the plans that a
+    model has are averaged; else its mean is NaN if one is missing.
+    """
+    logs = rows.assign(log=np.log(rows[value].where(rows[value] > 0.0)))
+    votes = logs.groupby([*PLAN, "model"], sort=False)["log"]
+    means = votes.agg(_mean)
+    by_plan = means if partial else means.where(votes.count() == votes.size())
+    plans = rows.set_index(PLAN).index.unique()
+    table = by_plan.unstack("model").reindex(index=plans, columns=rows["model"].unique())
+    robots = table.groupby("robot", sort=False)
+    by_robot = robots.agg(_mean)
+    return by_robot if partial else by_robot.where(robots.count().eq(robots.size(), axis="index"))
+
+
+def _mean(values: Any) -> float:
+    """Return the mean without NaN; its rounding does not depend on the version of pandas."""
+    present = values.dropna().to_numpy()
+    return float(np.mean(present)) if len(present) else math.nan
+
+
+def model_frame(
+    scores: Scores,
+    few: Mapping[str, Scores] = MappingProxyType({}),
+    groups: Mapping[str, Collection[str]] = MappingProxyType({}),
+) -> DataFrame:
+    """Return a row per model, best first; models with missing scores come last.
+
+    Columns of all models: `model`, `mark`, `median` error in the metric's unit, `n tasks`,
+    `complete`, `ratio` (geometric mean of error / VJM's error over robots), `smallest` and
+    `largest` ratio of a task, `fit_s`. With enough robots of one kind also: `low` and `high` of the
+    ratio's interval, `p` against the VJM, and of complete models `verdict`, `won` (robots with the
+    smallest ratio), `n robots`, `worst`, `worst robot`, `p best`, `like best` (within 5 %),
+    `without low` and `without high` (range without any one robot), `p95`, `noise` and `path`. Keys
+    (`few`, heading), (`group`, name), (`measured`, data set) and (`measured verdict`, data set)
+    hold further ratios. `few` has scores with fewer poses on the same robots, by heading; `groups`
+    has data sets with a separate column, by its name.
+    """
+    from pandas import DataFrame, Index  # slow, and a single task needs no frame
+
+    rows = scores.rows
+    by_model = scores.frame.groupby("model")
+    table = DataFrame(index=Index(scores.models, name="model"))
+    table["mark"] = [scores.mark(name) for name in table.index]
+    table["median"], table["n tasks"] = by_model["error"].median(), by_model.size()
+    ratios = by_model["error ratio"]
+    table["smallest"], table["largest"] = ratios.min(), ratios.max()
+    logs = robot_logs(rows, "error ratio", partial=True)
+    table["ratio"] = logs.apply(_mean).map(math.exp)
+    table["complete"] = table["n tasks"] == len(scores.tasks)
+    tasks = rows["task"].unique()
+    fits = {
+        name: [fit for task in tasks for fit in task.results.get(name, ())] for name in table.index
+    }
+    times = [[fit.cost.fit_s for fit in of_model if fit.cost] for of_model in fits.values()]
+    table["fit_s"] = [float(np.median(of_model)) if of_model else math.nan for of_model in times]
+    if scores.claim is not None:
+        table = _with_robots(table, scores, logs, few, groups)
+    order = table["ratio"].fillna(scores.key.sign * table["median"])
+    table = table.assign(order=order, incomplete=~table["complete"]).reset_index()
+    return table.sort_values(["incomplete", "order", "model"]).drop(columns=["order", "incomplete"])
+
+
+def _with_robots(
+    table: DataFrame,
+    scores: Scores,
+    partial_logs: DataFrame,
+    few: Mapping[str, Scores],
+    groups: Mapping[str, Collection[str]],
+) -> DataFrame:
+    """Add the columns over robots."""
+    from pandas import Series  # slow, and a single task needs no frame
+
+    rows = scores.rows
+    for name, column in partial_logs.items():
+        if column.count() >= 2:
+            mean = mean_ratio(column.dropna())
+            table.loc[name, ["low", "high"]] = mean.low, mean.high
+    logs = complete_logs(scores)
+    table["complete"] |= table.index.isin(logs.columns)
+    if logs.empty:
+        return table
+    best = logs.mean().idxmin()
+    table["n robots"] = len(logs)
+    table["won"] = logs.idxmin(axis="columns").value_counts().reindex(logs.columns).fillna(0)
+    table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
+    table.loc[REFERENCE_MODEL, "worst"] = math.nan
+    left_out = logs.apply(without_one)
+    table["without low"], table["without high"] = left_out.min(), left_out.max()
+    table["p"] = _p_values(logs, REFERENCE_MODEL)
+    table["p best"] = _p_values(logs, best)
+    table["like best"] = Series(
+        {m: equivalence_p_value(logs[m] - logs[best]) < LEVEL for m in logs if m != best}
+    )
+    better = np.where(table["ratio"] < 1.0, "better", "worse")
+    table["verdict"] = np.where(table["p"] < LEVEL, better, "open")
+    table.loc[REFERENCE_MODEL, "verdict"] = "baseline"
+    further: dict[Any, DataFrame] = {
+        name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
+    }
+    for heading, of_few in few.items():
+        further["few", heading] = robot_logs(of_few.rows, "error ratio")
+    for group, datasets in groups.items():
+        of_group = rows[rows["dataset"].isin(datasets)]
+        further["group", group] = robot_logs(of_group, "error ratio")
+    for key, of_robots in further.items():
+        table[key] = of_robots.mean(skipna=False).map(math.exp)
+    for dataset, tasks in scores.measured.items() if scores.claim != "measured" else ():
+        of_data = scores.frame[scores.frame["task"].isin(tasks)]
+        complete = of_data.groupby("model").size() == len(tasks)
+        values = robot_logs(of_data, "error ratio").mean().map(math.exp)
+        table["measured", dataset] = values.where(complete)
+        verdicts = {name: {task.verdict(name) for task in tasks} for name in table.index}
+        table["measured verdict", dataset] = Series(
+            {name: of.pop() if len(of) == 1 else "open" for name, of in verdicts.items()}
+        )
+    return table
+
+
+def _p_values(logs: DataFrame, rival: object) -> Series[float]:
+    """Return sign-flip p-values against a model, corrected (Holm) for all models."""
+    from pandas import Series  # slow, and a single task needs no frame
+
+    differences = {str(name): logs[name] - logs[rival] for name in logs if name != rival}
+    return Series(corrected_p_values(differences), dtype=float)
+
+
+def complete_logs(scores: Scores) -> DataFrame:
+    """Return (robots, models) logarithms of error / VJM's error, of models with every score."""
+    return robot_logs(scores.rows, "error ratio").dropna(axis="columns")
+
+
+def control_rows(scores: Scores, pairs: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return learned models against their physics model or teacher.
+
+    Keys: `model`, `control`, `ratio`, `low`, `high`, `p` (corrected for all pairs), `equal` (within
+    5 %). Pairs without every score are left out.
+    """
+    logs = complete_logs(scores)
+    differences = {a: logs[a] - logs[b] for a, b in pairs.items() if a in logs and b in logs}
+    p_values = corrected_p_values(differences)
+    return [
+        {
+            **{"model": name, "control": pairs[name], "p": p_values[name]},
+            **{"equal": equivalence_p_value(values) < LEVEL, **asdict(mean_ratio(values))},
+        }
+        for name, values in differences.items()
+    ]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 from pydantic import ConfigDict
@@ -62,10 +63,6 @@ class Selection:
         kinds = ("model", "dataset", "protocol", "condition")
         return [(kind, word) for kind in kinds for word in getattr(self, f"{kind}s")]
 
-    def takes(self, model: str) -> bool:
-        """Return True if a model is selected."""
-        return not self.models or any(matches_key(word, model) for word in self.models)
-
     def models_of(self, tasks: Iterable[Task]) -> list[str]:
         """Return the names of the selected models of tasks.
 
@@ -73,10 +70,11 @@ class Selection:
             ConfigError: a name has no results.
         """
         names = model_names(tasks)
-        for word in self.models:
-            if not any(matches_key(word, name) for name in names):
+        matches = [[name for name in names if matches_key(word, name)] for word in self.models]
+        for word, of_word in zip(self.models, matches, strict=True):
+            if not of_word:
                 raise unknown_name("model with results", word, names)
-        return [name for name in names if self.takes(name)]
+        return sorted({*chain.from_iterable(matches)}) if matches else names
 
     def tasks_of(self, tasks: Sequence[Task]) -> list[Task]:
         """Return the tasks of the selected data sets, protocols and conditions.

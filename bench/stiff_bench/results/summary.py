@@ -22,13 +22,10 @@ from stiff_bench.results.columns import (
     error_matrix,
     number,
 )
-from stiff_bench.results.leaderboard import Leaderboard, and_more, robot_ratios, split_counts
-from stiff_bench.results.notes import outcome_notes, span_text
 from stiff_bench.results.scored_task import ScoredTask
-from stiff_bench.results.scores import FEWEST_ROBOTS, Scores
-from stiff_bench.results.significance import Estimate, disagreement
-from stiff_bench.store.names import grouped, labels
-from stiff_bench.tables.units import MM, counted, first_few, percent
+from stiff_bench.results.scores import FEWEST_ROBOTS, Scores, complete_logs
+from stiff_bench.store.names import grouped
+from stiff_bench.tables.units import MM, counted, first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.over_robots import MARGIN
 from stiff_protocols.scoring.paired import LEVEL, ROPE_M
@@ -37,8 +34,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Row = Mapping[Any, Any]
-CLOSE_FORMAT = ".3f"
-"""Format of two ratios that may be close."""
 DISAGREEMENTS = {
     "": "",
     "splits": "The splits agree on it, but a few poses could turn it: measure more poses.",
@@ -48,51 +43,20 @@ DISAGREEMENTS = {
 
 @dataclass(frozen=True)
 class Summary:
-    """The result in sentences; an empty text is omitted.
+    """The result in sentences.
 
     Attributes:
-        which: model to use, or that none is better.
-        how_much: its gain.
-        how_sure: evidence behind it.
-        gain: range of the gain, and error that remains.
-        but: exceptions.
-        data: kind of the data and scope of the claim.
+        headline: model to use and its gain, or that none is better.
+        sentences: labels and texts: How sure, But (exceptions), Data (kinds, scope of the claim).
     """
 
-    which: str
-    how_much: str = ""
-    how_sure: str = ""
-    gain: str = ""
-    but: str = ""
-    data: str = ""
-
-    @property
-    def headline(self) -> str:
-        """Return the result in one line."""
-        return ": ".join(filter(None, (self.which, self.how_much)))
-
-    @property
-    def sentences(self) -> list[tuple[str, str]]:
-        """Return the labelled sentences after the headline."""
-        labelled = {
-            **{"How sure": self.how_sure, "Gain": self.gain},
-            **{"But": self.but, "Data": self.data},
-        }
-        return [(label, text) for label, text in labelled.items() if text]
+    headline: str
+    sentences: list[tuple[str, str]]
 
     @property
     def lines(self) -> list[str]:
         """Return the labelled sentences as lines of text."""
         return [f"{label}: {text}" for label, text in self.sentences]
-
-
-def change_text(ratio: float) -> str:
-    """Return a ratio to the VJM's error as a change.
-
-    >>> change_text(0.512), change_text(1.06)
-    ('49 % less', '6 % more')
-    """
-    return f"{abs(1.0 - ratio) * 100.0:.0f} % {'less' if ratio <= 1.0 else 'more'}"
 
 
 def summarize(scores: Scores, table: DataFrame) -> Summary:
@@ -102,147 +66,98 @@ def summarize(scores: Scores, table: DataFrame) -> Summary:
     """
     rivals = table[table["complete"] & (table["model"] != REFERENCE_MODEL)].to_dict("records")
     if not rivals or number(rivals[0], "ratio") is None:
-        counts = Counter(task.best() for task in scores.tasks)
-        (model, n_best), *_ = counts.most_common()
-        best_in = f"in {n_best} of {len(scores.tasks)} comparisons"
-        which = f"{model} has the best {scores.key.text} {best_in}"
-        return Summary(which, data=_data_text(scores))
+        ((model, n_best),) = Counter(task.best() for task in scores.tasks).most_common(1)
+        best_in = f"in {n_best} of {counted(len(scores.tasks), 'comparison')}"
+        data = _data_text(scores)
+        return Summary(f"{model} has the best {scores.key.text} {best_in}", [("Data", data)])
     if "won" in table:
-        return _over_robots(scores, table, rivals)
+        return _over_robots(scores, table)
     return _per_dataset(scores, rivals, [*table["model"]])
 
 
 # over robots
 
 
-def _over_robots(scores: Scores, table: DataFrame, rivals: Sequence[Row]) -> Summary:
-    lead = min(rivals, key=lambda row: row["ratio"])
-    which, how_much = f"No model is reliably better than the VJM over {scores.scope}", ""
-    if lead["verdict"] == "better":
-        bounds = f"{lead['low']:{RATIO_FORMAT}} to {lead['high']:{RATIO_FORMAT}}"
-        which = f"Use {lead['model']}"
-        how_much = (
-            f"{lead['ratio']:{RATIO_FORMAT}} times the VJM's error ({bounds}, {INTERVAL} over "
-            f"{scores.scope})"
-        )
+def _over_robots(scores: Scores, table: DataFrame) -> Summary:
+    """Return the result of the model with the smallest ratio; the first row may be the VJM."""
     rows = table[table["complete"]].to_dict("records")
-    return Summary(
-        which,
-        how_much,
-        how_sure=_lead_certainty(lead, rows),
-        but=" ".join(_lead_exceptions(scores, lead, rows)),
-        data=_lead_data(scores, lead, rows),
+    lead = min(
+        (row for row in rows if row["model"] != REFERENCE_MODEL), key=lambda row: row["ratio"]
     )
-
-
-def _lead_certainty(lead: Row, rows: Sequence[Row]) -> str:
-    low, high = lead["without low"], lead["without high"]
-    names = [
+    headline = f"No model is reliably better than the VJM over {scores.scope}"
+    if lead["verdict"] == "better":
+        headline = (
+            f"Use {lead['model']}: {_ratio(lead['ratio'])} times the VJM's error "
+            f"({_ratio(lead['low'])} to {_ratio(lead['high'])}, {INTERVAL} over {scores.scope})"
+        )
+    open_rivals = [
         row["model"]
         for row in rows
         if row["model"] != lead["model"] and not (number(row, "p best") or 0.0) < LEVEL
     ]
-    rival_text = (
-        f"Not significantly worse: {first_few(names)}."
-        if names
-        else "Every other model is significantly worse."
-    )
-    return (
+    of_rivals = "Every other model is significantly worse."
+    if open_rivals:
+        of_rivals = f"Not significantly worse: {first_few(open_rivals)}."
+    how_sure = (
         f"{lead['model']} has the smallest error on {lead['won']:.0f} of "
         f"{counted(int(lead['n robots']), 'robot')}. Without any one robot the ratio lies between "
-        f"{low:{RATIO_FORMAT}} and {high:{RATIO_FORMAT}}. {rival_text}"
+        f"{_ratio(lead['without low'])} and {_ratio(lead['without high'])}. {of_rivals}"
     )
+    but = f"Its worst robot is {lead['worst robot']} ({_ratio(lead['worst'])})."
+    if ahead := [*_models_ahead(scores, lead["model"])]:
+        but = f"Another model is more than {EQUAL_TEXT} better: {first_few(ahead, 2)}. {but}"
+    data = _lead_data(scores, lead, rows)
+    return Summary(headline, [("How sure", how_sure), ("But", but), ("Data", data)])
 
 
-def _lead_exceptions(scores: Scores, lead: Row, rows: Sequence[Row]) -> Iterator[str]:
-    """Yield robots and groups of data sets with a clearly better model."""
-    ahead = [
-        f"{best} on {robot} ({of_robot[best]:{CLOSE_FORMAT}} against "
-        f"{of_robot[lead['model']]:{CLOSE_FORMAT}})"
-        for robot, of_robot in robot_ratios(scores).to_dict("index").items()
-        for best in [min(of_robot, key=lambda name: of_robot[name])]
-        if _is_ahead(of_robot[best], of_robot[lead["model"]])
-    ]
-    if ahead:
-        yield f"Another model is more than {EQUAL_TEXT} better: {first_few(ahead, 2)}."
-    for key in [key for key in lead if isinstance(key, tuple) and key[0] == "group"]:
-        in_group = {row["model"]: ratio for row in rows if (ratio := number(row, key))}
-        best = min(in_group, key=lambda name: in_group[name], default=lead["model"])
-        if lead["model"] in in_group and _is_ahead(in_group[best], in_group[lead["model"]]):
-            yield (
-                f"On the data sets {key[1]!r} {best} is ahead ({in_group[best]:{RATIO_FORMAT}} "
-                f"against {in_group[lead['model']]:{RATIO_FORMAT}})."
-            )
-    yield f"Its worst robot is {lead['worst robot']} ({lead['worst']:{RATIO_FORMAT}})."
+def _ratio(value: float) -> str:
+    return f"{value:{RATIO_FORMAT}}"
 
 
-def _is_ahead(ratio: float, of_leader: float) -> bool:
-    """Return True if a ratio is smaller by more than the practical margin."""
-    return math.log(of_leader / ratio) > MARGIN
+def _models_ahead(scores: Scores, model: str) -> Iterator[str]:
+    """Yield the robots on which another model is better by more than the practical margin."""
+    for robot, logs in complete_logs(scores).to_dict("index").items():
+        best = min(logs, key=lambda name: logs[name])
+        if logs[model] - logs[best] > MARGIN:
+            errors = (f"{math.exp(logs[name]):.3f}" for name in (best, model))
+            yield f"{best} on {robot} ({' against '.join(errors)})"
 
 
 def _lead_data(scores: Scores, lead: Row, rows: Sequence[Row]) -> str:
     """Return the number of measured robots, and the scores on them."""
-    kinds = [tasks[0].kind for tasks in scores.robots.values()]
-    n_measured = kinds.count("measured")
+    robots = scores.frame.drop_duplicates("robot")
+    n_measured = int((robots["kind"] == "measured").sum())
     verb = "is" if n_measured == 1 else "are"
-    text = f"{n_measured} of {counted(len(kinds), 'robot')} {verb} measured"
+    text = f"{n_measured} of {counted(len(robots), 'robot')} {verb} measured"
     for dataset, tasks in scores.measured.items():
         key = "measured", dataset
         if (ratio := number(lead, key)) is None:
             continue
         verdict = VERDICT_TEXTS[lead["measured verdict", dataset]] or "not tested"
-        in_data = {row["model"]: value for row in rows if (value := number(row, key))}
-        best = min(in_data, key=lambda name: in_data[name])
         text += (
             f"; on {dataset} ({counted(len(tasks[0].data.measured), 'sample')}) {lead['model']} "
-            f"has {ratio:{RATIO_FORMAT}} times the VJM's error ({verdict})"
+            f"has {_ratio(ratio)} times the VJM's error ({verdict})"
         )
+        in_data = {row["model"]: value for row in rows if (value := number(row, key))}
+        best = min(in_data, key=lambda name: in_data[name])
         if best != lead["model"]:
-            text += f"; smallest on the board: {best} ({in_data[best]:.2f})"
+            text += f"; smallest on the board: {best} ({_ratio(in_data[best])})"
     return f"{text}."
 
 
 def split_notes(scores: Scores, table: DataFrame) -> list[str]:
     """Return notes on models with fewer splits and on models without every score."""
-    complete = {*table[table["complete"]]["model"]}
-    fewer = {name: of for name, of in split_counts(scores).items() if of[0] < of[1]}
-    notes = []
-    for text, is_shown in (
-        ("With fewer splits", True),
-        ("Not on the board, without every score", False),
-    ):
-        names = [name for name in fewer if (name in complete) == is_shown]
-        of_counts = [
-            f"{first_few(same)} ({there} of {n_all})"
-            for (there, n_all), same in grouped(names, lambda name: fewer[name]).items()
-        ]
-        if of_counts:
-            notes.append(f"{text}: {'; '.join(of_counts)}.")
-    return notes
-
-
-def model_summary(scores: Scores, row: Row) -> Summary:
-    """Return the result of one model of a `model_frame` over robots."""
-    if row["model"] == REFERENCE_MODEL:
-        role = "the baseline: the errors of all models are divided by its errors."
-        return Summary(REFERENCE_MODEL, how_sure=role)
-    ratios = robot_ratios(scores)[row["model"]]
-    measured = [
-        f"{dataset}: {ratio:{RATIO_FORMAT}} times the VJM's error ({verdict})."
-        for dataset in scores.measured
-        if (ratio := number(row, ("measured", dataset))) is not None
-        for verdict in [VERDICT_TEXTS[row["measured verdict", dataset]] or "not tested"]
+    if scores.claim is None:
+        return []
+    rows, complete = scores.rows, {*table[table["complete"]]["model"]}
+    counts, n_all = rows["model"].value_counts(), rows["task"].nunique()
+    fewer = [name for name in scores.models if 0 < counts.get(name, 0) < n_all]
+    by_count = grouped(fewer, lambda name: (name not in complete, counts[name]))
+    kinds = ("With fewer splits", "Not on the board, without every score")
+    return [
+        f"{kinds[is_missing]}: {first_few(names)} ({count} of {n_all})."
+        for (is_missing, count), names in sorted(by_count.items())
     ]
-    return Summary(
-        row["model"],
-        how_sure=f"{row['ratio']:.2f} times the VJM's error ({row['low']:.2f} to "
-        f"{row['high']:.2f}, {INTERVAL} over {scores.scope}); {row['verdict']}.",
-        gain=f"best on {ratios.idxmin()} ({ratios.min():.2f}), worst on {row['worst robot']} "
-        f"({row['worst']:.2f}); the smallest error of all models on {row['won']:.0f} of "
-        f"{counted(len(ratios), 'robot')}.",
-        data=" ".join(measured),
-    )
 
 
 # with few robots: per data set
@@ -250,122 +165,56 @@ def model_summary(scores: Scores, row: Row) -> Summary:
 
 def _per_dataset(scores: Scores, rivals: Sequence[Row], models: Sequence[str]) -> Summary:
     """Return the best of the models that win more tasks against the VJM than they lose."""
-    verdicts = {
-        row["model"]: Counter(v for task in scores.tasks if (v := task.verdict(row["model"])))
-        for row in rivals
-    }
+    counts = {row["model"]: scores.verdict_counts(row["model"]) for row in rivals}
     winners = [
         row
         for row in rivals
-        if row["ratio"] < 1.0 and verdicts[row["model"]]["a"] > verdicts[row["model"]]["b"]
+        if row["ratio"] < 1.0 and counts[row["model"]]["a"] > counts[row["model"]]["b"]
     ]
     best = (winners or rivals)[0]
-    name, counts, n_tasks = best["model"], verdicts[best["model"]], len(scores.tasks)
-    data = f"on {next(iter(scores.datasets))}"
-    which, how_much = f"No model is reliably better than the VJM {data}", ""
-    if len(scores.datasets) > 1:
-        data = "on these data sets"
-        which = f"No model is reliably better than the VJM {data}"
+    name, of_best = best["model"], counts[best["model"]]
+    names = [*scores.datasets]
+    data = f"on {names[0]}" if len(names) == 1 else "on these data sets"
+    headline = f"No model is reliably better than the VJM {data}"
     if winners:
-        won = f" (better in {counts['a']} of {counted(n_tasks, 'comparison')})" * (n_tasks > 1)
-        which = f"Use {name} {data}"
-        how_much = f"{change_text(best['ratio'])} error than the VJM{won}"
-    sure = (
-        f"{name} is better than the VJM in {counts['a']} of "
-        f"{counted(counts.total(), 'comparison')}, worse in {counts['b']}; "
-        f"{counts['open'] + counts['equivalent']} show no significant difference."
-    )
-    if not counts:
-        sure = "No test applies: there is one split, and poses cannot be resampled."
-    return Summary(
-        which,
-        how_much,
-        how_sure=sure,
-        gain=_gain_text(scores, best),
-        but=_dataset_exceptions(scores, models, name),
-        data=_data_text(scores),
-    )
+        won = f"better in {of_best['a']} of {counted(of_best.total(), 'comparison')}"
+        less = 100.0 * (1.0 - best["ratio"])
+        headline = f"Use {name} {data}: {less:.0f} % less error than the VJM, {won}"
+    sentences = []
+    if not of_best:
+        no_test = "no test applies: there is one split, and poses cannot be resampled."
+        sentences.append(("How sure", no_test))
+    if better := [*_better_models(scores, models, name)]:
+        but = f"Another model is significantly better: {first_few(better, 2)}."
+        sentences.append(("But", but))
+    return Summary(headline, [*sentences, ("Data", _data_text(scores))])
 
 
-def _gain_text(scores: Scores, best: Row) -> str:
-    """Return the range of a model's gain over tasks, and of the error that remains."""
-    of_model = scores.frame[scores.frame["model"] == best["model"]]
-    errors = sorted(scores.key.factor * of_model["error"])
-    span = change_text(best["ratio"])
-    most, least = change_text(best["smallest"]), change_text(best["largest"])
-    if len(scores.tasks) > 1 and most != least:
-        same = most.split()[-1] == least.split()[-1]
-        nearer, farther = (least, most) if best["largest"] <= 1.0 else (most, least)
-        span = f"{nearer.split()[0]} to {farther}" if same else f"{most} to {least}"
-    remaining = " to ".join(dict.fromkeys(f"{error:.2f}" for error in (errors[0], errors[-1])))
-    return f"{span} error than the VJM; {remaining} {scores.key.unit} of error remain."
-
-
-def _dataset_exceptions(scores: Scores, models: Sequence[str], model: str) -> str:
-    """Return the headings under which another model is significantly better; "" for none."""
-    key, errors = scores.key, error_matrix(scores, models)
-    plans = {heading[1:] for heading in scores.columns}
-    parts = []
+def _better_models(scores: Scores, models: Sequence[str], model: str) -> Iterator[str]:
+    """Yield the headings whose best model is significantly better than a model."""
+    best = (scores.key.sign * error_matrix(scores, models)).fillna(math.inf).idxmin()
     for heading, tasks in scores.columns.items():
-        column = errors[heading].dropna()
-        if column.empty:
-            continue
-        rival = str((key.sign * column).idxmin())
-        if rival in (model, REFERENCE_MODEL):
-            continue
+        rival = str(best[heading])
         if all(task.verdict(rival, model) == "a" for task in tasks):
-            text = heading[0] if len(plans) == 1 else ", ".join(filter(None, heading))
-            smaller, larger = (key.factor * column.get(name, 0.0) for name in (rival, model))
-            parts.append(
-                f"on {text} {rival} is better ({smaller:.2f} against {larger:.2f} {key.unit})"
-            )
-    text = first_few(parts, 2)
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
-
-
-KINDS = {"unknown": "of unknown origin", "user's file": "of unknown origin"}
-"""Kinds of data in sentences."""
+            yield f"{rival} on {', '.join(filter(None, heading))}"
 
 
 def _data_text(scores: Scores) -> str:
     """Return a text on the kinds of the data and on the scope of the claim."""
-    kinds = grouped(scores.datasets, lambda name: scores.datasets[name][0].kind)
-    n_sets = counted(len(scores.datasets), "data set")
-    if len(kinds) == 1 and "measured" not in kinds:
-        (kind,) = kinds
-        text = f"All data are {KINDS.get(kind, kind)}."
-    else:
-        parts = [
-            f"{len(names)} {'is' if len(names) == 1 else 'are'} {KINDS.get(kind, kind)}"
-            for kind, names in kinds.items()
-            if kind != "measured"
-        ]
-        text = "; ".join([*_measured_text(scores, n_sets), *parts]) + "."
-    if scores.claim is None:
-        number_of_robots = counted(len(scores.robots), "robot")
-        few = f"too few for a claim about other robots (at least {FEWEST_ROBOTS})"
-        text += f" {number_of_robots}: {few}."
-    return text
+    kinds = Counter(tasks[0].kind for tasks in scores.datasets.values())
+    text = ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+    text += " data set" if kinds.total() == 1 else " data sets"
+    if tasks := [*chain.from_iterable(scores.measured.values())]:
+        better = [name for name in scores.models if any(t.verdict(name) == "a" for t in tasks)]
+        text += f"; better than the VJM on measured data: {first_few(better) or 'no model'}"
+    return f"{text}." if scores.claim else f"{text}. {few_robots_text(scores)}"
 
 
-def _measured_text(scores: Scores, n_sets: str) -> Iterator[str]:
-    """Yield a text on the models that beat the VJM on measured data."""
-    if not (measured := scores.measured):
-        return
-    samples = [
-        f"{name}, {counted(len(tasks[0].data.measured), 'sample')}"
-        for name, tasks in measured.items()
-    ]
-    better = [
-        name
-        for name in scores.models
-        if any(task.verdict(name) == "a" for task in chain.from_iterable(measured.values()))
-    ]
-    verb = "is" if len(measured) == 1 else "are"
-    outcome = "no model is reliably better than the VJM"
-    if better:
-        outcome = f"{first_few(better)} {'is' if len(better) == 1 else 'are'} better than the VJM"
-    yield f"{len(measured)} of {n_sets} {verb} measured ({first_few(samples, 2)}): there, {outcome}"
+def few_robots_text(scores: Scores) -> str:
+    """Return why nothing is claimed about other robots."""
+    n_robots = counted(scores.frame["robot"].nunique(), "robot")
+    few = f"a board needs at least {FEWEST_ROBOTS} of one kind, simulated or measured"
+    return f"{n_robots}: too few for a claim about other robots; {few}."
 
 
 # one task
@@ -383,91 +232,33 @@ def task_title(task: ScoredTask) -> str:
     )
 
 
-def task_summary(task: ScoredTask) -> Summary:
-    """Return the comparison of the best model with the VJM, with its uncertainty."""
+def task_headline(task: ScoredTask) -> str:
+    """Return the comparison of the best model with the VJM, with its uncertainty; else ""."""
     rivals = [name for name in task.models if name != REFERENCE_MODEL]
     if REFERENCE_MODEL not in task.scores or not rivals:
-        return Summary("")
+        return ""
     winners = [name for name in rivals if task.verdict(name) == "a"]
     model = task.best(winners or rivals)
     verdict, results = task.verdict(model), task.estimates(model)
     if verdict is None or not results:
-        return Summary(
-            f"{model} against {REFERENCE_MODEL}", "no test is possible with one split and one pose."
-        )
+        return f"{model} cannot be tested against {REFERENCE_MODEL}: one split, one pose."
+    which = {
+        "a": f"{model} is better than {REFERENCE_MODEL}",
+        "b": f"{model} is worse than {REFERENCE_MODEL}, and no model is better",
+        "equivalent": f"{model} and {REFERENCE_MODEL} are equivalent, within {MM * ROPE_M:g} mm",
+        "open": f"No model is reliably better than {REFERENCE_MODEL}; the closest is {model}",
+    }
     gain = MM * (task.mean(REFERENCE_MODEL) - task.mean(model))
-    main = max(results, key=lambda result: result.high - result.low)
-    amount = (
-        f"{abs(gain):.3f} mm {'less' if gain >= 0.0 else 'more'} error "
-        f"({_gain_interval(main, gain)})."
-    )
-    if verdict == "equivalent":
-        rope = f"{MM * ROPE_M:g} mm"
-        equal = f"their errors differ by less than {rope}.{_fits_warning(task)}"
-        return Summary(f"{model} and {REFERENCE_MODEL} are equivalent", equal)
-    if verdict in ("a", "b"):
-        better = "better" if verdict == "a" else "worse"
-        less = f" No model is better than {REFERENCE_MODEL}." if verdict == "b" else ""
-        smaller = _smaller_error(task, rivals, model)
-        return Summary(
-            f"{model} is {better} than {REFERENCE_MODEL}",
-            f"{amount}{less}{smaller}{_fits_warning(task)}",
-        )
-    return Summary(
-        f"No model is reliably better than {REFERENCE_MODEL}. The closest, {model}, has {amount}"
-        f"{_disagreement_text(results)}"
-    )
-
-
-def _smaller_error(task: ScoredTask, rivals: Sequence[str], winner: str) -> str:
-    """Return a sentence on a model with less error whose gain is not significant; else ""."""
-    best = task.best(rivals)
-    if best == winner:
-        return ""
-    return (
-        f" {best} has less error ({MM * task.mean(best):.3f} mm), but its gain is not significant."
-    )
-
-
-def _fits_warning(task: ScoredTask) -> str:
-    """Return a warning if the spread over splits is unknown; else ""."""
-    if task.errors.of_splits is not None:
-        return ""
-    splits = "One split does" if len(task.splits) == 1 else "Pooled splits do"
-    return f" {splits} not show how results vary with the training samples."
-
-
-def _gain_interval(estimate: Estimate, gain: float) -> str:
-    """Return bounds of the gain, or of the loss if the model is worse."""
-    bounds = (-estimate.high, -estimate.low) if gain >= 0.0 else (estimate.low, estimate.high)
-    low, high = (f"{MM * bound:.3f}" for bound in bounds)
-    return f"{INTERVAL} {low} to {high}"
-
-
-def _disagreement_text(results: Sequence[Estimate]) -> str:
-    """Return a sentence if splits and poses disagree on significance; else ""."""
-    if all(estimate.excludes_zero for estimate in results):
-        return " Its interval excludes zero, but not after correction for all pairs of models."
-    return f" {DISAGREEMENTS[disagreement(results[0], results[-1])]}".rstrip()
-
-
-def task_facts(task: ScoredTask) -> str:
-    """Return the kind of the data and the sizes of training and test part."""
-    results = next(iter(task.results.values()))
-    trained = [result.n_train for result in results]
-    tested = [len(result.prediction.rows) for result in results if result.prediction is not None]
-    is_known = task.kind not in KINDS
-    kind = f"{task.kind.capitalize()} robot" if is_known else f"Data {KINDS[task.kind]}"
-    sizes = f"Trained on {span_text(trained)} samples, tested on {span_text(tested)}."
-    return f"{kind}. {sizes}" if any(trained) else f"{kind}."
-
-
-def task_notes(task: ScoredTask) -> list[str]:
-    """Return caveats of the data, choices and warnings of fits."""
-    every = [list(model.done.values()) for model in task.task.models.values()]
-    outcomes = [note for of_model in every if of_model for note in outcome_notes(of_model)]
-    presentation = task.task.presentation
-    return [*filter(None, [presentation.warning]), *outcomes, *presentation.caveats]
+    widest = max(results, key=lambda result: result.high - result.low)
+    sign = -MM if gain >= 0.0 else MM
+    low, high = sorted((sign * widest.low, sign * widest.high))
+    less = "less" if gain >= 0.0 else "more"
+    texts = [f"{abs(gain):.3f} mm {less} error ({INTERVAL} {low:.3f} to {high:.3f})."]
+    if winners and (best := task.best(rivals)) != model:
+        texts.append(f"{best} has less error, but its gain is not significant.")
+    if task.errors.of_splits is None:
+        texts.append("It holds for these fits: other training samples can change it.")
+    return f"{which[verdict]}: {' '.join(texts)}"
 
 
 # notes of leaderboards
@@ -475,8 +266,6 @@ def task_notes(task: ScoredTask) -> list[str]:
 
 FEW_SPLITS = 5
 """Number of splits below which only very large differences are significant."""
-MOST_LISTED = 4
-"""Largest number of missing results that are listed individually."""
 
 
 def correction_text(tasks: Sequence[ScoredTask]) -> str:
@@ -490,58 +279,14 @@ def correction_text(tasks: Sequence[ScoredTask]) -> str:
 
 def dataset_notes(scores: Scores) -> Iterator[str]:
     """Yield explanations of the marks, and a note if there are few splits."""
-    key = scores.key
-    if key.is_cost:
+    if scores.key.is_cost:
         yield f"{BEST} best mean."
         return
     correction = correction_text(scores.tasks)
     yield f"{BEST} best mean; {LIKE_BEST} no significant difference from it, {correction}."
-    yield (
-        f"difference: {percent(1.0 - LEVEL)} intervals; over poses the fitted models are held "
-        "fixed."
-    )
+    yield f"difference: {INTERVAL}s; over poses the fitted models are held fixed."
     fewest = min(len(task.splits) for task in scores.tasks)
     if 1 < fewest < FEW_SPLITS and not scores.tasks[0].task.presentation.pooled:
         yield (
             f"{fewest} splits show only very large differences; --splits {FEW_SPLITS} shows more."
         )
-
-
-def section_notes(scores: Scores, board: Leaderboard, *, has_datasets: bool) -> Iterator[str]:
-    """Yield notes on all tables of a section, most important first.
-
-    `has_datasets` is True if the section has a table per data set.
-    """
-    warnings = (task.task.presentation.warning for task in scores.tasks)
-    yield from filter(None, dict.fromkeys(warnings))
-    if has_datasets and scores.claim is None and not scores.key.is_cost:
-        yield (
-            f"{counted(len(scores.robots), 'robot')}: too few for a claim about other robots; a "
-            f"board over robots needs at least {FEWEST_ROBOTS} simulated or {FEWEST_ROBOTS} "
-            "measured ones."
-        )
-    task_labels = labels(task.name for task in scores.tasks)
-    if scores.missing and has_datasets:
-        yield f"Scores are missing: {_missing_text(scores)}."
-    if cut := [task for task in scores.tasks if task.left_out]:
-        yield f"{task_labels[cut[0].name]}{and_more(cut)}: {cut[0].left_out}."
-    if board.notes:
-        yield f"{board.notes[0].removesuffix('.')}{and_more(board.notes)}."
-
-
-def _missing_text(scores: Scores) -> str:
-    """Return the missing results of each model with reasons, or their numbers."""
-    missing = scores.missing
-    task_labels = labels(task.name for task in scores.tasks)
-    is_listed = sum(map(len, missing.values())) <= MOST_LISTED
-    parts = []
-    for model, of_model in missing.items():
-        places = [
-            f"{', '.join(task_labels[task] for task in tasks)}: {reason}"
-            for reason, tasks in grouped(of_model, of_model.__getitem__).items()
-        ]
-        named = f" ({'; '.join(places)})" if is_listed else ""
-        parts.append(f"{len(of_model)} of {len(task_labels)} results of {model}{named}")
-    if is_listed:
-        return ", ".join(parts)
-    return f"{first_few(parts)}; `--format json` lists them with reasons"

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Any, Literal, Self
 
+from stiff_bench.console import SCREEN as SCREEN
 from stiff_protocols.contract.brief_fields import BriefFields
 
 
@@ -140,8 +141,6 @@ VALUE_FIELDS = (
 MOST_NOTES = 4
 BEST_MARK = "*"
 """Mark of the best number of a column."""
-SCREEN = "screen"
-"""Format of a terminal."""
 WRITTEN = ("github", "latex", "html", "json")
 """Formats of long tables: all except terminal and csv."""
 

@@ -10,11 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import as_file, files
+from typing import TYPE_CHECKING
 
-from stiff_datasets.robots.urdf_reader import ChainModel, read_chain
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.types import Robot
+
+if TYPE_CHECKING:
+    from stiff_datasets.robots.urdf_reader import ChainModel
 
 DEFAULT_ROBOT = "kr10-r1100-2"
 
@@ -73,6 +76,8 @@ def named_robot(name: str) -> ShippedRobot:
 @cache
 def shipped_chain(name: str, tcp: tuple[float, ...]) -> ChainModel:
     """Read a shipped URDF file, named without its extension."""
+    from stiff_datasets.robots.urdf_reader import read_chain  # imports Pinocchio
+
     with as_file(files("stiff_datasets.robots") / f"{name}.urdf") as path:
         return read_chain(path, tcp=tcp)
 

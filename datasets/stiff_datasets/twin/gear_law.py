@@ -70,8 +70,8 @@ class GearLaw:
     ) -> Self:
         """Return the law of gears of rated torque [N m] and hysteresis of full width [rad].
 
-        The width is that of the loop at zero torque after the rated torque in both directions. The
-        arrays `width`, `rated` and `lost_motion` (...) are one number per gear.
+        `width` is the loop's, at zero torque after the rated torque in both directions. The arrays
+        `width`, `rated` and `lost_motion` (...) are one number per gear.
         """
         shares = np.reshape(THRESHOLDS, (-1, *(1,) * np.ndim(rated)))
         thresholds = shares * np.asarray(rated)

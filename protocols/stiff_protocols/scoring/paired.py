@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.types import FloatArray, frozen_array
@@ -64,6 +63,8 @@ class CorrectedT:
 
     def interval(self, confidence: float = 1.0 - LEVEL) -> tuple[float, float]:
         """Return the bounds of the mean difference, m."""
+        from scipy import special  # slow, and help pages do without
+
         check_share("confidence", confidence)
         half = self.scale * float(special.stdtrit(self.df, 0.5 + 0.5 * confidence))
         return self.mean - half, self.mean + half
@@ -76,12 +77,16 @@ class CorrectedT:
         example is models that ignore their training set, on splits with the same test rows. A
         verdict also needs the interval over poses.
         """
+        from scipy import special  # slow, and help pages do without
+
         if self.scale == 0.0:
             return 1.0 if self.mean == 0.0 else 0.0
         return 2.0 * float(special.stdtr(self.df, -abs(self.mean) / self.scale))
 
     def probability_below(self, value: float) -> float:
         """Return the probability that the mean difference is smaller than `value` [m]."""
+        from scipy import special  # slow, and help pages do without
+
         if self.scale == 0.0:
             return float(self.mean < value)
         return float(special.stdtr(self.df, (value - self.mean) / self.scale))
@@ -135,6 +140,8 @@ def corrected_t_p_values(differences: FloatArray, test_share: float) -> FloatArr
 
     Same values as `corrected_t`, thousands at once; there are at least two splits.
     """
+    from scipy import special  # slow, and help pages do without
+
     mean, scale = _mean_and_scale(differences, test_share)
     without_spread = np.where(mean == 0.0, 0.0, -np.inf)
     t_values = np.divide(-np.abs(mean), scale, out=without_spread, where=scale > 0.0)

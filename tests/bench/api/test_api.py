@@ -165,7 +165,7 @@ def test_two_data_sets_of_one_name_are_refused_and_one_given_twice_is_computed_o
 
 def test_results_are_tidy_data_tables_comparisons_and_ranks(twin):
     results = sb.evaluate(["vjm", "knn"], twin, protocol="kfold@folds=3")
-    assert len(results) == 2 * 3
+    assert len(results.fits) == 2 * 3
     frame = results.frame()
     assert len(frame) == 2 * 3
     split_errors = frame.set_index(["model", "split"]).loc[("vjm", 0)]
@@ -320,7 +320,7 @@ def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
         "print('begun')\n"
         "import stiffbench as sb\n"
         "results = sb.evaluate(['vjm', 'knn'], splits=2, jobs=2)\n"
-        "print({fit.status for fit in results.fits}, len(results))\n"
+        "print({fit.status for fit in results.fits}, len(results.fits))\n"
     )
     assert script(tmp_path, text) == ["begun", "{'ok'} 4"]
 

@@ -237,7 +237,7 @@ def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
     assert (tmp_path / "new.png").stat().st_size > 20_000
     for wrong, part in (
         ("--strict", "line 8: PTP XHOME"),
-        ("--hold=A1=0", "--hold only goes with --path"),
+        ("--hold=A1=0", "--hold does not go with --program"),
     ):
         refused = bench_here(*words, "s.src", wrong, cwd=tmp_path)
         assert refused.returncode != 0 and part in refused.stderr

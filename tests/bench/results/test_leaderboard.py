@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 
 import pytest
 
 from helpers.figure_results import with_fields
 from helpers.made_results import TWINS, MadeResults, forget
-from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard
-from stiff_bench.results.leaderboard_tables import leaderboard_tables, section_models
+from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import TRAINING_MARK
 from stiff_bench.results.scored_task import sort_key
+from stiff_bench.results.scores import model_frame
 from stiff_bench.results.selection import Selection
-from stiff_bench.store.names import grouped
 from stiff_bench.tables.writers import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost
@@ -39,9 +37,9 @@ def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
     return {name.strip(): [cell.strip() for cell in row_cells] for name, *row_cells in lines[2:]}
 
 
-def order(board: Leaderboard, section: int = 0) -> list[str]:
-    """Return the models of a section without the VJM, best first."""
-    return [name for name in section_models(board.sections[section]) if name != "vjm"]
+def order(board: Leaderboard) -> list[str]:
+    """Return the models with a score without the VJM, best first."""
+    return [name for name in model_frame(board.scores)["model"] if name != "vjm"]
 
 
 def add_three(made: MadeResults) -> None:
@@ -65,9 +63,8 @@ def test_a_missing_score_is_reported_with_its_reason_and_moves_no_other_model(ma
     made.add("winner", [0.1, 0.1], TWINS[0])
     made.add("broken", [0.1, 0.1], TWINS[1], failed=[1])
     board = board_of(made)
-    missing = board.sections[0].missing
-    assert [*missing["winner"].values()] == ["not run", "not run"]
-    assert "FAILED in 1 of 2 splits: it broke" in missing["broken"].values()
+    missing = board.scores.missing
+    assert missing["winner"] == ["not run"] * 2 and "FAILED: it broke" in missing["broken"]
     assert cells(board, TWINS[1])["broken"][0] == "FAILED"
     assert "Scores are missing" in text_of(board)
 
@@ -76,7 +73,7 @@ def test_the_intervals_are_those_of_the_verdicts_over_splits_and_over_poses(made
     base = rng.gamma(9.0, 1.0, size=(3, 4))
     made.add_each({"vjm": list(base), "net": list(0.5 * base)})
     board = board_of(made)
-    (task,) = board.sections[0].tasks
+    (task,) = board.scores.tasks
     _, change, *intervals, verdict = cells(board, "twin")["net"]
     for text, estimate in zip(intervals, task.estimates("net"), strict=True):
         assert text == f"{1e3 * estimate.low:.4f} to {1e3 * estimate.high:.4f}"
@@ -84,18 +81,18 @@ def test_the_intervals_are_those_of_the_verdicts_over_splits_and_over_poses(made
     assert task.verdict("net") == "a"
 
 
-def test_protocols_that_select_on_the_test_part_have_their_own_table_and_a_mark(made):
-    add_three(made)
+def test_protocols_that_select_on_the_test_part_count_only_without_others_and_have_a_mark(made):
     paper = {"protocol": "paper-holdout", "selects_on_test": True, "warning": "it is optimistic"}
     made.add("a", [2.0], **paper)
     made.add("b", [1.0], picked_on_test=True, **paper)
+    unfair = board_of(made)
+    assert order(unfair) == ["b", "a"] and unfair.scores.mark("b") == "epoch picked on test part"
+    for part in ("b [epoch picked on test part]", "it is optimistic"):
+        assert part in text_of(unfair)
+    add_three(made)
     board = board_of(made)
-    fair, unfair = board.sections
-    assert order(board, 1) == ["b", "a"]
-    assert (fair.mark("b"), unfair.mark("b")) == ("", "epoch picked on test part")
-    text = text_of(board)
-    for part in ("b [epoch picked on test part]", "not a fair comparison", "it is optimistic"):
-        assert part in text
+    assert board.scores.mark("b") == "" and "optimistic" not in text_of(board)
+    assert board.notes[-1].endswith("twin | paper-holdout.")
 
 
 def test_what_noise_can_explain_or_makes_none_in_practice_is_like_the_best_and_no_other(made, rng):
@@ -115,44 +112,33 @@ def test_a_clear_difference_is_found_among_any_number_of_models(made, rng):
     base = rng.gamma(9.0, 1.0, size=(3, 4))
     worse = {f"worse-{number}": list(base + 50.0 + 0.01 * number) for number in range(51)}
     made.add_each({"best": list(base), "vjm": list(base + 60.0), **worse})
-    (task,) = board_of(made).sections[0].tasks
+    (task,) = board_of(made).scores.tasks
     assert task.like_best() == {"best"}
 
 
 def test_the_metric_decides_what_is_sorted_and_in_which_direction(made):
     made.add_each({"a": [3.0], "b": [1.0]})
     of_z, of_all = (board_of(made, metric="mae", axis=axis) for axis in ("z", None))
-    assert of_z.sections[0].tasks[0].mean("a") == pytest.approx(3e-3)
-    assert of_all.sections[0].tasks[0].mean("a") == pytest.approx(1e-3)
+    assert of_z.scores.tasks[0].mean("a") == pytest.approx(3e-3)
+    assert of_all.scores.tasks[0].mean("a") == pytest.approx(1e-3)
     assert order(of_z) == order(board_of(made, metric="skill")) == ["b", "a"]
     made.add_each({"a": [1.0, 3.0], "b": [4.0, 4.0]}, protocol="leave-one-out", pooled=True)
-    (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).sections[0].tasks
+    (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).scores.tasks
     assert pooled.scores["a"].tolist() == pytest.approx([3e-3])
 
 
-def test_csv_has_a_line_per_number_and_json_every_score_with_the_reason_of_a_missing_one(made):
+def test_csv_has_a_line_per_number(made):
     add_three(made)
-    made.add("d", [0.1, 0.1], TWINS[0])
-    board = board_of(made)
-    rows = list(csv.DictReader(io.StringIO(text_of(board, "csv"))))
+    rows = list(csv.DictReader(io.StringIO(text_of(board_of(made), "csv"))))
     scores = [float(r["value"]) for r in rows if (r["model"], r["metric"]) == ("a", "norm")]
     assert scores == pytest.approx([1.0, 1.0, 3.0])
     assert len({(row["dataset"], row["model"], row["column"]) for row in rows}) == len(rows)
-    tables = json.loads(text_of(board, "json"))["tables"]
-    (scores_table,) = (table for table in tables if table["table"] == "scores")
-    values = grouped(scores_table["rows"], lambda row: row["model"])
-    numbers, reasons = (
-        [row["values"][0].get(key) for row in values[model]]
-        for model, key in (("a", "value"), ("d", "status"))
-    )
-    assert numbers == pytest.approx([1.0, 1.0, 3.0])
-    assert reasons == [None, "not run", "not run"]
 
 
 def test_splits_that_all_models_have_count_and_there_must_be_one(made):
     made.add_each({"a": [1.0, 5.0, 9.0], "b": [2.0, 2.0]})
     board = board_of(made)
-    assert board.sections[0].tasks[0].mean("a") == pytest.approx(3e-3)
+    assert board.scores.tasks[0].mean("a") == pytest.approx(3e-3)
     assert "only the 2 of 3 splits" in text_of(board)
     first, *_ = made.add("b", [2.0, 2.0])
     forget(made.folder, first, *made.add("a", [1.0, 5.0, 9.0])[1:])
@@ -171,7 +157,7 @@ def test_the_newest_runs_data_count_if_data_of_one_name_changed(made, field, val
     for value, run_id, error in zip(values, ("20260101T", "20270101T"), (1.0, 3.0), strict=True):
         made.add_each({"a": [error], "b": [2.0]}, run_id=run_id, **{field: value})
     board = board_of(made)
-    assert order(board) == ["b", "a"] and len(board.sections[0].tasks) == 1
+    assert order(board) == ["b", "a"] and len(board.scores.tasks) == 1
     assert message in text_of(board)
 
 
@@ -182,12 +168,12 @@ def test_what_cannot_be_compared_moves_no_model_and_is_reported(made):
     made.add_each({"a": [9.0] * 2, "b": [1.0] * 2}, "own", **training)
     made.add("a", [9.0] * 2, "lonely")
     board = board_of(made)
-    assert order(board) == before and len(board.sections[0].tasks) == 3
+    assert order(board) == before and len(board.scores.tasks) == 3
     assert {*board.notes} == {
-        f"paper-holdout@read_on=all is left out: {TRAINING_MARK}.",
-        "lonely | holdout is left out: none of the other models was run there.",
+        f"Left out ({TRAINING_MARK}): own | paper-holdout@read_on=all.",
+        "Left out (one of the models was run there): lonely | holdout.",
     }
-    assert "left out" in text_of(board)
+    assert "Left out" in text_of(board)
     for dataset in ("own", "lonely"):
         with pytest.raises(ConfigError, match="nothing to compare"):
             board_of(made, datasets=(dataset,))
@@ -202,7 +188,6 @@ def test_what_cannot_be_compared_moves_no_model_and_is_reported(made):
         ((2, 3, 5), (5, 3, 5), "bc", 3),  # --splits 3 for b; a has only two of those
         ((8, 5, 5), (20, 5, 5), "abc", 5),  # more splits requested later, and interrupted
         ((2, 2, 5), (0, 5, 5), "abc", 2),  # a's requested number is unknown
-        ((2, 2, 2), (5, 5, 5), "", 0),  # nobody finished
     ],
 )
 def test_an_interrupted_run_is_included_if_it_takes_no_split_from_the_finished(
@@ -210,8 +195,17 @@ def test_an_interrupted_run_is_included_if_it_takes_no_split_from_the_finished(
 ):
     for model, n_done, n_requested in zip("abc", done_counts, requested_counts, strict=True):
         made.add(model, [1.0] * n_done, n_splits=n_requested)
-    (scored,) = board_of(made).sections[0].tasks
+    (scored,) = board_of(made).scores.tasks
     assert {*scored.scores} - {"vjm"} == {*ranked} and len(scored.splits) == n_splits
+
+
+def test_data_without_a_score_are_named_and_there_must_be_a_score(made):
+    for model in "ab":
+        made.add(model, [1.0] * 2, "unfinished", n_splits=5)
+    with pytest.raises(ConfigError, match="no model has a score"):
+        board_of(made)
+    add_three(made)
+    assert "no model has a score): unfinished | holdout." in text_of(board_of(made))
 
 
 def test_a_table_shows_only_the_caveats_of_its_own_data_sets(made):
@@ -222,19 +216,15 @@ def test_a_table_shows_only_the_caveats_of_its_own_data_sets(made):
     assert "right is odd" in right_section and "left is odd" not in right_section
 
 
-def test_costs_are_medians_with_their_range_and_are_sorted_without_a_test(made):
-    costs = {"quick": ([4e-5, 2e-5, 2e-4], 3 * 2**20), "slow": ([90.0, 60.0, 70.0], None)}
-    for model, (fits_s, memory) in costs.items():
+def test_costs_rank_models_without_a_test(made):
+    for model, fit_s in {"quick": 4e-5, "slow": 90.0}.items():
         made.add(model, [1.0, 1.0, 1.0])
-        for split, fit_s in enumerate(fits_s):
-            cost = Cost(fit_s, 0.1, 0.5 * fit_s, 12_345.6, memory)
+        for split in range(3):
+            cost = Cost(fit_s, 0.1, 0.5 * fit_s, 12_345.6, None)
             with_fields(made, model, split=split, cost=cost)
     made.add("unknown", [1.0])  # it takes no splits from the others
-    rows = cells(board_of(made, "quick", "slow"), "Costs of 6 fits | median (lowest to highest)")
-    assert rows["quick"] == ["40 us (20 to 200)", "12,300", "20 us (10 to 100)", "3.0", "3"]
-    assert rows["slow"] == ["70 s (60 to 90)", "12,300", "35 s (30 to 45)", "-", "3"]
     board = board_of(made, metric="fit-time")
-    (task,) = board.sections[0].tasks
-    assert order(board) == ["quick", "slow", "unknown"] and "≈" not in text_of(board)
+    (task,) = board.scores.tasks
+    assert order(board) == ["quick", "slow"] and "≈" not in text_of(board)
     assert len(task.splits) == 3 and not task.left_out
     assert task.missing["unknown"] == "no value of fit time [ms]"

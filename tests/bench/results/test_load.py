@@ -89,7 +89,7 @@ def test_older_results_of_a_name_with_other_options_are_left_out_with_a_note(mad
     assert {result.run_id for result in task.results("nested")} == {"2"}
     assert len(task.results("other")) == 2
     (note,) = left_out_notes([task])
-    assert "older results of nested with other options (neighbours) are left out" in note
+    assert "older results of nested with another version or other options are left out" in note
 
 
 def test_a_model_that_fails_now_has_failed_and_an_older_failure_is_none(made):
@@ -122,4 +122,4 @@ def test_results_with_intervals_have_a_version_of_their_own(made, newer):
     task = only(made)
     assert [result.cell.coverage for result in task.results("a")] == [0.9, None, None]
     (note,) = left_out_notes([task])
-    assert "older results of a by another version of it" in note
+    assert "older results of a with another version" in note

@@ -9,8 +9,8 @@ from scipy import stats
 
 from helpers.figure_results import with_fields
 from helpers.made_results import FAIR, GOOD, MadeResults
-from stiff_bench.results.columns import board_tables
-from stiff_bench.results.leaderboard import control_frame, model_frame
+from stiff_bench.results.columns import board_tables, model_table
+from stiff_bench.results.scores import control_rows, model_frame
 from stiff_bench.results.summary import split_notes, summarize
 from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.scoring.paired import holm
@@ -18,15 +18,15 @@ from stiff_protocols.scoring.paired import holm
 N_ROBOTS = len(GOOD)
 
 
-def frame_of(made: MadeResults, groups=None, few=None) -> DataFrame:
-    few_scores = {name: made.scores(protocol=word) for name, word in (few or {}).items()}
+def frame_of(made: MadeResults, groups=(), few=()) -> DataFrame:
+    few_scores = {name: made.scores(protocol=word) for name, word in dict(few).items()}
     scores = made.scores(protocol="holdout")
-    return model_frame(scores, few_scores, groups).set_index("model")
+    return model_frame(scores, few_scores, dict(groups)).set_index("model")
 
 
 def data_text(made: MadeResults) -> str:
     scores = made.scores()
-    return summarize(scores, model_frame(scores)).data
+    return dict(summarize(scores, model_frame(scores)).sentences)["Data"]
 
 
 def test_a_model_is_ranked_by_its_geometric_mean_over_robots_with_students_interval(made):
@@ -121,7 +121,8 @@ def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
     assert table.set_index("model")["complete"].to_dict() == {
         **{"good": True, "fair": True, "vjm": True, "some": False}
     }
-    assert table["model"].iloc[-1] == "some"  # also with the smallest ratio
+    *_, last_row = model_table(scores, table, "models").texts()  # last, with the smallest ratio
+    assert (last_row[0], last_row[3]) == ("some", "-")
     board, *_ = board_tables(scores, table, {}, split_notes(scores, table))
     assert "some" not in {str(row[0]) for row in board.rows}
     assert any("Not on the board" in note and "some (2 of 8)" in note for note in board.notes)
@@ -160,6 +161,6 @@ def test_errors_on_paths_and_with_fewer_poses_are_over_those_of_the_vjm(made):
 
 def test_controls_compare_a_model_with_its_own_beginning(made):
     made.add_robots()
-    (control,) = control_frame(made.scores(), {"good": "fair", "absent": "vjm"}).to_dict("records")
+    (control,) = control_rows(made.scores(), {"good": "fair", "absent": "vjm"})
     assert control["ratio"] == pytest.approx(stats.gmean(np.array(GOOD) / np.array(FAIR)))
     assert (control["model"], control["control"], control["equal"]) == ("good", "fair", False)

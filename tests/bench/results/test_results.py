@@ -69,7 +69,7 @@ def test_a_model_whose_new_version_fails_has_failed_rows_and_not_the_old_numbers
     made.add("plugin", [1.0] * 3, model_version="a", **OLD)
     made.add("plugin", [1.0] * 3, failed=range(3), model_version="b", **NEW)
     results = open_results(made.folder)
-    fits = newest(results.frame, "older results of plugin by another version")
+    fits = newest(results.frame, "older results of plugin with another version")
     assert fits["status"].tolist() == ["failed"] * 3
     assert {*fits["failure"]} == {"it broke"} and "norm_mm" not in fits
     assert results.predictions().empty

@@ -16,12 +16,11 @@ SENSE = {("bench data validate", "FILE")}
 """(command, parameter) for which every text is valid; the report lists its errors."""
 NEW_NAMES = {("bench new model", "NAME")}
 """(command, parameter) that take a new name, so that an unknown word is valid."""
-MAY_BE_EMPTY = {"--against", "--dask"}
 NEEDED = {"--model": "vjm", "--dataset": "kr10-twin", "A": "vjm", "B": "mean"}
 """Valid values of required parameters; every other value is nonsense."""
-WORDS = ("no-such-thing", "", "=", "../..", "é\udcff", "x" * 5000)
+WORDS = ("no-such-thing", "", "é\udcff")
 """Nonsense values of a text parameter."""
-NUMBERS = ("nonsense", "", "nan", "1,5")
+NUMBERS = ("nonsense", "nan")
 """Nonsense values of a number parameter."""
 
 
@@ -59,15 +58,14 @@ def nonsense(command: str, name: str, kind: str) -> list[str]:
     if kind == "flag":
         return ["nonsense"]
     if kind == "path":
-        missing = [] if name in WRITTEN else ["none.csv", "none\udcff.toml", "folder"]
-        return ["", "file.txt/below", "x" * 5000, *missing, "file.txt"]
+        missing = [] if name in WRITTEN else ["none\udcff.toml", "folder"]
+        return ["", "file.txt/below", *missing, "file.txt"]
     if kind == "text":
-        words = WORDS[1:] if (command, name) in NEW_NAMES else WORDS
-        return [word for word in words if word or name not in MAY_BE_EMPTY]
+        return list(WORDS[1:] if (command, name) in NEW_NAMES else WORDS)
     if kind.startswith("integer"):
         return [*NUMBERS, "1.5", *bounds(kind)]
     if kind.startswith("number"):
-        return [*NUMBERS, "inf", "1e999", *bounds(kind)]
+        return [*NUMBERS, "1e999", *bounds(kind)]
     return ["no-such-thing", ""]
 
 
@@ -90,11 +88,21 @@ def needed(command: str, skipped: str = "", word: str | None = None) -> list[str
     return [*options, "--", *arguments] if arguments else options
 
 
+FIRST_WITH = {
+    (name, kind): command
+    for command in reversed(COMMANDS)
+    for name, kind in PARAMETERS[command].items()
+}
+"""Option and kind -> the first command that has it; one reader reads it in all commands."""
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_nonsense_for_any_parameter_is_refused_in_one_line(command, refused):
     for name, kind_and_need in PARAMETERS[command].items():
         kind = kind_and_need.removesuffix(" required")
-        for word in [] if name == "--help" else nonsense(command, name, kind):
+        if name == "--help" or FIRST_WITH[name, kind_and_need] != command:
+            continue
+        for word in nonsense(command, name, kind):
             if not name.startswith("--"):
                 refused(command, *needed(command, name, word))
                 continue
@@ -111,7 +119,8 @@ def test_unknown_missing_and_superfluous_words_are_refused_in_one_line(command, 
     assert "no-such-option" in refused(command, "--no-such-option", *words)
     for name, kind in PARAMETERS[command].items():
         if kind.endswith(" required"):
-            assert name.removesuffix("...") in refused(command, *needed(command, name))
+            message = refused(command, *needed(command, name))
+            assert name in message or not name.startswith("--")  # without A, B is missing
     if not any(name.endswith("...") for name in PARAMETERS[command]):
         refused(command, *words, "superfluous")
 

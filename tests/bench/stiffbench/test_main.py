@@ -39,14 +39,6 @@ def test_the_reference_model_is_stored_once_with_the_requested_models(tmp_path):
     assert done.stdout.count("| vjm ") == 2  # 3-D error, then MAE, STDE and ME
 
 
-def test_list_and_show_answer(tmp_path):
-    for kind, part in (("models", "ft-mlp"), ("datasets", "simulated"), ("protocols", "leave-one")):
-        assert part in bench_here("list", kind, cwd=tmp_path).stdout
-    model_page = bench_here("show", "ft-mlp", cwd=tmp_path).stdout
-    assert "ft-mlp.OPTION=VALUE" in model_page and "layers:1,2" in model_page
-    assert "caveat" in bench_here("show", "fanuc-r2000ic", cwd=tmp_path).stdout
-
-
 IMPORTS = (
     "import sys, stiffbench.main as cli\n"
     "try: cli.main(sys.argv[2:])\n"

@@ -27,9 +27,9 @@ PLAN = "data plan --output p.csv"
 
 REFUSED = {
     "run": ["--model", "zero, mean"],
-    "run --model vjm --splits 2 --splits 3": ["--splits: given more than once"],
-    "run vjm": ["unexpected argument 'vjm'", "bench run --model vjm"],
-    "run --model vjm --splits": ["--splits: a value is missing"],
+    "run --model vjm --splits 2 --splits 3": ["--splits specified multiple times"],
+    "run vjm": ["'vjm'", "bench run --model vjm"],
+    "run --model vjm --splits": ["--splits requires an argument"],
     "run --model vjm --data x.csv": ["x.csv", "--urdf"],
     "run --model vjm --output bytes": ["--output bytes", "is a file"],
     "run --model vjm --no-isolate --jobs 2": ["--no-isolate: --jobs 2 needs a process"],
@@ -45,6 +45,7 @@ REFUSED = {
     f"{PREDICT} out.xlsx": [".csv, .parquet"],
     "show vjm@tcp=fit": ["'vjm@tcp=fit'", "'vjm'"],
     "compare a b --results folder": ["--results folder", "no results"],
+    "table 3 --results folder": ["table 3 is fitted here and reads none"],
     "table 9 --results none": ["--results none", "bench reproduce"],
     "report --results folder --output page.pdf": ["page.pdf", ".html or .htm"],
     "reproduce intervls": ["unknown study 'intervls'", "did you mean 'intervals'"],

@@ -131,8 +131,8 @@ def test_a_merge_that_is_stopped_changes_nothing(two, tmp_path, monkeypatch):
 
 def test_the_command_counts_what_it_took_and_refuses_a_corrupt_folder(two, tmp_path):
     done = bench_here("merge", "a", "b", "--output", "c", cwd=tmp_path)
-    assert done.returncode == 0 and "a: 2 of 2 results taken" in done.stderr
-    assert "4 results in c, 0 from before" in done.stderr
+    assert done.returncode == 0 and "a: 2 of 2 results taken" in done.stdout
+    assert "4 results in c, 0 from before" in done.stdout
     damage(two[0], read_results(two[0])[0].cell.key)
     done = bench_here("merge", "a", "b", "--output", "d", cwd=tmp_path)
     assert done.returncode == 2 and "a/results.sqlite: corrupt: cell " in done.stderr

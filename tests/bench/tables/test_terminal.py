@@ -18,7 +18,7 @@ from rich.cells import cell_len
 from helpers.made_results import N_POSES, TWINS, MadeResults
 from stiff_bench.results.columns import task_table
 from stiff_bench.results.scored_task import ScoredTask
-from stiff_bench.results.summary import task_summary
+from stiff_bench.results.summary import task_headline
 from stiff_bench.tables.table import SCREEN, Column, Name, Quantity, Table
 from stiff_bench.tables.terminal import screen_console, screen_text
 from stiff_bench.tables.writers import of_format
@@ -97,7 +97,7 @@ def test_models_are_sorted_by_error_and_the_change_is_against_the_vjm(made):
 
 def test_a_difference_that_is_open_names_no_winner(made):
     made.add_each({"vjm": VJM_MM, "net": [0.1, 0.35, 0.2]})
-    sentence = task_summary(only_task(made)).headline
+    sentence = task_headline(only_task(made))
     assert "No model is reliably better" in sentence and "is better than" not in sentence
 
 
@@ -106,7 +106,7 @@ def test_several_data_sets_are_one_matrix_and_verbose_adds_their_tables(made):
         dataset = f"data-set-{number}"
         made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]}, dataset)
     results = open_results(made.folder)
-    brief, verbose = (results.screen(verbose=is_verbose) for is_verbose in (False, True))
+    brief, verbose = (results.summary(verbose=on).text_as(SCREEN) for on in (False, True))
     *_, matrix = results.summary().tables
     assert len(matrix.columns) - 1 == len(TWINS) and "±" not in brief
     assert verbose.count("± sd") == len(TWINS)
@@ -176,5 +176,5 @@ def test_a_comparison_and_its_verdict_are_on_one_line(made, width):
 def test_a_verdict_of_one_split_is_marked_as_of_these_fits(made, n_splits, is_limited):
     errors_mm = {"vjm": VJM_MM[:n_splits], "net": (0.1, 0.12, 0.09)[:n_splits]}
     made.add_each(errors_mm, rows=range(N_POSES) if n_splits == 1 else None)
-    sentence = task_summary(only_task(made)).headline
-    assert "is better than" in sentence and ("One split" in sentence) == is_limited
+    sentence = task_headline(only_task(made))
+    assert "is better than" in sentence and ("these fits" in sentence) == is_limited
