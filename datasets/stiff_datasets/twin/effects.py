@@ -1,9 +1,8 @@
-"""Define what a simulated robot and its measurement have beyond springs: effects, and worlds of them.
+"""Define what a simulated robot and its measurement have beyond springs: effects, and worlds.
 
 An effect is an object with its equation, its size and its draw. A world is a list of effects. Sizes
-are drawn once from robot and specimen; ranges and their reasons are in docs/worlds.md. Every hook of
-`Effect` returns its argument unless the effect changes it, so that a world is the hooks of its
-effects one after the other.
+are drawn once from robot and specimen. Every hook of `Effect` returns its argument unless an effect
+changes it, so that a world is the hooks of its effects one after the other.
 
 rad, N, N m, m; base frame. Elastic coordinates are three per joint: the torsion (the motion of a
 prismatic joint), then two tilts.
@@ -11,25 +10,58 @@ prismatic joint), then two tilts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
 import pinocchio as pin
 
-from stiff_datasets.planning.loads import stream
+from stiff_datasets.planning.loads import omni_forces, stream
 from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.constants import (
     ARCMIN,
-    RATED_SHARE_OF_BEARING_PLAY,
+    CYCLOIDAL,
+    SLIDE,
     STRAIN_WAVE,
     Noise,
     TwinConstants,
+    specimen_law,
 )
+from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
-from stiff_protocols.contract.robot import STANDARD_GRAVITY
+from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, Robot
+
+# Ranges of the sizes. A: measured; B: read in a public repository; C: assumption.
+FRICTION_ARCMIN = {STRAIN_WAVE: (0.2, 0.6), CYCLOIDAL: (0.03, 0.3), SLIDE: (0.0, 0.0)}
+"""Width of a gear's loop: C, catalogues say at most 1; RV: KUKA KR300 0.03 to 0.08 (A), C above."""
+ASPECTS = (0.6, 1.0)  # width over height of a tube; C
+FLOOR_SHARES = (0.01, 0.05)  # of the deflection; C
+BALANCED_SHARES = (0.6, 0.8)  # of the weight's torque; C
+LIGHTEST_WITH_BALANCER_KG = 100.0  # payload
+COUPLINGS = (0.1, 0.3)  # C
+WRIST_JOINTS = 3
+ANGLE_SIZES = (0.05, 0.2)  # C
+TEETH = (2, 6)  # felt per turn; C
+BEARING_PLAY_ARCMIN = (0.2, 0.6)  # C
+BEARING_PLAY_SHARE = 0.03  # of the rated torque, within which it is taken up; C
+MASS_ERROR = 0.3  # C
+FORCE_POINT_M = (5e-3, 25e-3)  # C
+SENSOR_ERRORS = (0.01, 0.03)  # cross-talk and gain; C
+SENSOR_SIZE_M = 0.1  # lever between cross-talk of forces and of moments; C
+FRAME_ERROR_DEG = (0.1, 0.3)  # C
+TRACKED_POINT_M = (0.5e-3, 2e-3)  # C
+TAIL = 2.5  # degrees of freedom; C
+OUTLIER_SHARE, OUTLIER_M = 0.02, 2e-4  # C
+SEATING_M, SEATING_PAYLOAD_KG = 2e-5, 10.0  # C
+DRIFT_M, DRIFT_STEPS = 4e-5, 3  # C
+SHEAR_COEFFICIENT = 0.44
+"""Of a thin-walled square tube (G. R. Cowper, J. Appl. Mech. 33, 1966)."""
+NEARLY_PARALLEL = 0.9
+TYPICAL_POSES = 30
+SECOND_TORSION = 3
+"""Row of the second joint's torsion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +118,7 @@ class Effect:
         return wrench
 
     def sensed(self, wrench: FloatArray, *, inverse: bool = False) -> FloatArray:
-        """Return the force sensor's reading of a (n, 6) wrench; `inverse`: the wrench of a reading."""
+        """Return the sensor's reading of a (n, 6) wrench; `inverse`: the wrench of a reading."""
         return wrench
 
     def tracked_point(self) -> FloatArray:
@@ -101,9 +133,7 @@ class Effect:
         """Return the noise of the instruments."""
         return noise
 
-    def reading_errors(
-        self, pose: FloatArray, n_rows: int, rng: np.random.Generator
-    ) -> FloatArray:
+    def reading_errors(self, pose: FloatArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
         """Return (n_rows, 3) errors of the readings [m]; `pose` (n_rows,) numbers the poses."""
         return np.zeros((n_rows, 3))
 
@@ -112,11 +142,6 @@ def direction(rng: np.random.Generator) -> FloatArray:
     """Return a (3,) unit vector of random direction."""
     vector = rng.normal(size=3)
     return np.asarray(vector / np.linalg.norm(vector))
-
-
-def rotations(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the (n, 3, 3) rotations of the last joint's frame at (n, n_joints) q."""
-    return robot.forward(q).rotation
 
 
 # friction
@@ -136,7 +161,7 @@ class Friction(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        ranges = np.array([_WIDTHS_ARCMIN[kind] for kind in constants.gear_kinds]) * ARCMIN
+        ranges = np.array([FRICTION_ARCMIN[kind] for kind in constants.gear_kinds]) * ARCMIN
         return cls(rng.uniform(*ranges.T), constants.rated_torques)
 
     def law(self, law: GearLaw) -> GearLaw:
@@ -156,7 +181,7 @@ class BendingLinks(Effect):
     """Links are clamped rectangular tubes that bend, shear, twist and stretch.
 
     A segment of length l moves its end by force F and moment M like a Timoshenko beam:
-    F l^3 / (3 E I) + F l / (k G A) + M l^2 / (2 E I), and turns it by F l^2 / (2 E I) + M l / (E I);
+    F l^3 / (3 E I) + F l / (k G A) + M l^2 / (2 E I). It turns it by F l^2 / (2 E I) + M l / (E I),
     about its axis by M l / (G J), J = 4 A_m^2 t / s of a thin tube (R. Bredt, VDI-Z 40, 1896). The
     chain is statically determinate, so that the TCP's displacement is the sum over the segments
     (J. S. Przemieniecki, Theory of Matrix Structural Analysis, 1968, chapter 5).
@@ -175,9 +200,13 @@ class BendingLinks(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        beams = constants.structure_tubes()
+        if (beams := constants.beams) is None:
+            raise DataError(
+                f"{constants.name}: no table [beams], which the worlds structure and all need "
+                "(valid: sections as in stiff_datasets/twin/constants.py, or another world)"
+            )
         height = np.array([tube.outer_m for tube in beams.segment])
-        aspect = rng.uniform(*_ASPECTS, size=len(height))
+        aspect = rng.uniform(*ASPECTS, size=len(height))
         modulus = beams.modulus_Pa * np.exp(constants.scatter.beams * rng.normal(size=len(height)))
         wall = np.array([tube.wall_m for tube in beams.segment])
         return cls(height, height * aspect, wall, modulus, beams.poisson)
@@ -222,7 +251,7 @@ class BendingLinks(Effect):
         turn[:, :1] = length * moment[:, :1] / (shear_modulus * twist)
         for along, about, sign in ((1, 2, 1.0), (2, 1, -1.0)):
             bending = modulus * moments[about - 1]
-            shear = _SHEAR_COEFFICIENT * shear_modulus * area
+            shear = SHEAR_COEFFICIENT * shear_modulus * area
             f, m = force[:, [along]], sign * moment[:, [about]]
             shift[:, [along]] = f * (length**3 / (3.0 * bending) + length / shear) + m * (
                 length**2 / (2.0 * bending)
@@ -232,8 +261,8 @@ class BendingLinks(Effect):
 
 
 def _section_basis(axis: FloatArray, width: FloatArray) -> FloatArray:
-    """Return a (3, 3) rotation: the tube's axis, its height, and its width near the joint's axis."""
-    if abs(axis @ width) > _NEARLY_PARALLEL:
+    """Return a (3, 3) rotation: the tube's axis, its height, its width near the joint's axis."""
+    if abs(axis @ width) > NEARLY_PARALLEL:
         width = np.roll(width, 1)
     width = width - (axis @ width) * axis
     width = width / np.linalg.norm(width)
@@ -252,17 +281,26 @@ class SoftFloor(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        share = rng.uniform(*_FLOOR_SHARES)
-        return cls(share * constants.typical_deflection() / _typical_floor(constants))
+        robot, share = constants.robot(), rng.uniform(*FLOOR_SHARES)
+        q = reachable_poses(robot, TYPICAL_POSES, rng, constants.clearance_m)
+        force = omni_forces(len(q), constants.payload_kg, rng)
+        wrench = np.hstack([force, np.zeros_like(force)])
+        chain, law = ElasticChain(robot), specimen_law(constants, 0)
+        still = np.zeros((3 * robot.n_joints, len(q)))
+        torque, tcp = chain.statics(q.T, still, wrench.T)
+        weight, _ = chain.statics(q.T, still, 0.0 * wrench.T)
+        turned = law.angle(torque) - law.angle(weight)
+        moved = chain.statics(q.T, turned, wrench.T)[1] - tcp
+        by_floor = _floor_motion(1.0, robot, q, wrench)[:, :3]
+        sizes = [np.median(np.linalg.norm(part, axis=1)) for part in (moved.T, by_floor)]
+        return cls(float(share * sizes[0] / sizes[1]))
 
     def displacement(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Turn the whole robot about the horizontal axes of its base."""
         return _floor_motion(self.compliance, robot, q, wrench)
 
 
-def _floor_motion(
-    compliance: float, robot: Robot, q: FloatArray, wrench: FloatArray
-) -> FloatArray:
+def _floor_motion(compliance: float, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
     tcp = robot.tcp_position(q)
     turn = compliance * (wrench[:, 3:] + np.cross(tcp, wrench[:, :3])) * [1.0, 1.0, 0.0]
     return np.hstack([np.cross(turn, tcp), turn])
@@ -280,13 +318,13 @@ class Balancer(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        share = rng.uniform(*_BALANCED_SHARES)
-        return cls(share if constants.payload_kg >= _LIGHTEST_WITH_BALANCER_KG else 0.0)
+        share = rng.uniform(*BALANCED_SHARES)
+        return cls(share if constants.payload_kg >= LIGHTEST_WITH_BALANCER_KG else 0.0)
 
     def loaded(self, torque: FloatArray, weight_torque: FloatArray) -> FloatArray:
         """Take the share of the weight off the second joint."""
         torque = torque.copy()
-        torque[_SECOND_TORSION] -= self.share * weight_torque[_SECOND_TORSION]
+        torque[SECOND_TORSION] -= self.share * weight_torque[SECOND_TORSION]
         return torque
 
 
@@ -304,9 +342,9 @@ class CoupledWrist(Effect):
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
         n = len(constants.joint)
         coupling = np.eye(3 * n)
-        wrist = [3 * joint for joint in range(max(n - _WRIST_JOINTS, 0), n)]
-        for first, second in zip(wrist, wrist[1:], strict=False):
-            coupling[second, first] = rng.uniform(*_COUPLINGS) * rng.choice([-1.0, 1.0])
+        wrist = [3 * joint for joint in range(max(n - WRIST_JOINTS, 0), n)]
+        for first, second in pairwise(wrist):
+            coupling[second, first] = rng.uniform(*COUPLINGS) * rng.choice([-1.0, 1.0])
         return cls(coupling)
 
     def loaded(self, torque: FloatArray, weight_torque: FloatArray) -> FloatArray:
@@ -338,9 +376,9 @@ class AngleStiffness(Effect):
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
         n = len(constants.joint)
-        size = rng.uniform(*_ANGLE_SIZES, size=n) * (constants.rated_torques > 0.0)
+        size = rng.uniform(*ANGLE_SIZES, size=n) * (constants.rated_torques > 0.0)
         phase, middle = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(-1.0, 1.0, n)
-        return cls(size, rng.integers(2, 6, n).astype(float), phase, middle)
+        return cls(size, rng.integers(*TEETH, n).astype(float), phase, middle)
 
     def turned(self, theta: FloatArray, q: FloatArray) -> FloatArray:
         """Scale the torsions."""
@@ -367,9 +405,9 @@ class BearingPlay(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        width = rng.uniform(*_BEARING_PLAYS_ARCMIN, size=(len(constants.joint), 2)) * ARCMIN
+        width = rng.uniform(*BEARING_PLAY_ARCMIN, size=(len(constants.joint), 2)) * ARCMIN
         rated = constants.rated_torques
-        return cls(width * (rated > 0.0)[:, None], RATED_SHARE_OF_BEARING_PLAY * np.maximum(rated, 1.0))
+        return cls(width * (rated > 0.0)[:, None], BEARING_PLAY_SHARE * np.maximum(rated, 1.0))
 
     def law(self, law: GearLaw) -> GearLaw:
         """Add lost motion to both tilts."""
@@ -396,7 +434,7 @@ class LinkMasses(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        return cls(1.0 + rng.uniform(-_MASS_ERROR, _MASS_ERROR, len(constants.joint)))
+        return cls(1.0 + rng.uniform(-MASS_ERROR, MASS_ERROR, len(constants.joint)))
 
     def real_robot(self, robot: Robot) -> Robot:
         """Scale the masses."""
@@ -415,7 +453,7 @@ class ForcePoint(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        return cls(rng.uniform(*_FORCE_POINTS_M) * direction(rng))
+        return cls(rng.uniform(*FORCE_POINT_M) * direction(rng))
 
     def real_wrench(self, wrench: FloatArray, rotation: FloatArray) -> FloatArray:
         """Add the moment of the force on the offset."""
@@ -437,9 +475,9 @@ class ForceSensor(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        cross_talk = rng.uniform(*_SENSOR_ERRORS, (6, 6)) * rng.choice([-1.0, 1.0], (6, 6))
-        gain = 1.0 + rng.uniform(*_SENSOR_ERRORS, 2) * rng.choice([-1.0, 1.0], 2)
-        scale = np.repeat([1.0, _SENSOR_SIZE_M], 3)
+        cross_talk = rng.uniform(*SENSOR_ERRORS, (6, 6)) * rng.choice([-1.0, 1.0], (6, 6))
+        gain = 1.0 + rng.uniform(*SENSOR_ERRORS, 2) * rng.choice([-1.0, 1.0], 2)
+        scale = np.repeat([1.0, SENSOR_SIZE_M], 3)
         matrix = scale[:, None] * cross_talk / scale
         np.fill_diagonal(matrix, np.repeat(gain, 3))
         return cls(matrix)
@@ -462,7 +500,7 @@ class TrackerFrame(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        return cls(pin.exp3(np.deg2rad(rng.uniform(*_FRAME_ERRORS_DEG)) * direction(rng)))
+        return cls(pin.exp3(np.deg2rad(rng.uniform(*FRAME_ERROR_DEG)) * direction(rng)))
 
     def tracked(self, deflection: FloatArray) -> FloatArray:
         """Turn the deflection."""
@@ -481,7 +519,7 @@ class TrackedPoint(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        return cls(rng.uniform(*_TRACKED_POINTS_M) * direction(rng))
+        return cls(rng.uniform(*TRACKED_POINT_M) * direction(rng))
 
     def tracked_point(self) -> FloatArray:
         """Return the offset."""
@@ -490,11 +528,11 @@ class TrackedPoint(Effect):
 
 @dataclass(frozen=True, eq=False)
 class HeavyTails(Effect):
-    """Readings scatter as Student's t with few degrees of freedom, scaled by the tracker's noise."""
+    """Readings scatter as Student's t, with few degrees of freedom and the tracker's size."""
 
     def noise(self, noise: Noise) -> Noise:
         """Return noise with heavy tails."""
-        return noise.model_copy(update={"tail": _TAIL})
+        return noise.model_copy(update={"tail": TAIL})
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,9 +541,9 @@ class Outliers(Effect):
 
     def reading_errors(self, pose: FloatArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
         """Draw the wrong readings."""
-        is_wrong = rng.random((n_rows, 1)) < _OUTLIER_SHARE
+        is_wrong = rng.random((n_rows, 1)) < OUTLIER_SHARE
         vectors = rng.normal(size=(n_rows, 3))
-        return is_wrong * _OUTLIER_M * vectors / np.linalg.norm(vectors, axis=1)[:, None]
+        return is_wrong * OUTLIER_M * vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -520,7 +558,7 @@ class Seating(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        return cls(_SEATING_M * np.cbrt(constants.payload_kg / 10.0))
+        return cls(SEATING_M * np.cbrt(constants.payload_kg / SEATING_PAYLOAD_KG))
 
     def reading_errors(self, pose: FloatArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
         """Draw one error per pose."""
@@ -535,8 +573,8 @@ class Drift(Effect):
     def reading_errors(self, pose: FloatArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
         """Draw direction and times of the steps."""
         time = np.arange(n_rows) / max(n_rows - 1, 1)
-        steps = (time[:, None] >= rng.random(_DRIFT_STEPS)).mean(axis=1)
-        return np.asarray(_DRIFT_M * (time + steps)[:, None] / 2.0 * direction(rng))
+        steps = (time[:, None] >= rng.random(DRIFT_STEPS)).mean(axis=1)
+        return np.asarray(DRIFT_M * (time + steps)[:, None] / 2.0 * direction(rng))
 
 
 FRICTION: tuple[type[Effect], ...] = (Friction,)
