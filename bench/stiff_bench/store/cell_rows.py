@@ -19,7 +19,7 @@ import orjson
 
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation
-from stiff_protocols.contract.types import BOUND_NAMES, FloatArray, Interval, Prediction
+from stiff_protocols.contract.types import BOUND_NAMES, TRUTH, FloatArray, Interval, Prediction
 
 _NAMES = ("model", "dataset", "protocol")
 """In the file these are names with options; the columns `model_key` ... have only keys."""
@@ -126,7 +126,7 @@ def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Pre
         measured=arrays["measured"],
         interval=interval,
         reference=arrays.get("reference"),
-        bound_deflections={name: arrays[name] for name in BOUND_NAMES if name in arrays},
+        bound_deflections={name: arrays[name] for name in (*BOUND_NAMES, TRUTH) if name in arrays},
     )
 
 

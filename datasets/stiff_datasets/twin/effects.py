@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 import pinocchio as pin
@@ -585,7 +585,8 @@ WORKSHOP: tuple[type[Effect], ...] = (
     *(LinkMasses, ForcePoint, ForceSensor, TrackerFrame, TrackedPoint),
     *(HeavyTails, Outliers, Seating, Drift),
 )
-WORLDS: dict[str, tuple[type[Effect], ...]] = {
+World = Literal["clean", "friction", "structure", "workshop", "all"]
+WORLDS: dict[World, tuple[type[Effect], ...]] = {
     "clean": (),
     "friction": FRICTION,
     "structure": STRUCTURE,

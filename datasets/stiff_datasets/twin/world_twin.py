@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.linalg import hadamard
 
+from stiff_datasets.planning.loads import stream
+from stiff_datasets.planning.poses import Poses
 from stiff_datasets.twin.constants import TwinConstants, specimen_law
-from stiff_datasets.twin.effects import Effect, Friction
+from stiff_datasets.twin.effects import WORLDS, Effect, Friction, World
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
+from stiff_datasets.twin.twin import TwinExperiment, recorded_deflection, recorded_wrench
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_protocols.contract.types import TRUTH, BenchmarkData, FloatArray, Robot, Samples
 
 Approach = Literal["random", "one-sided", "cycled"]
 """How a pose is reached: from a side drawn for each joint and pose; always from the same side; or
@@ -189,11 +192,37 @@ class WorldTwin:
 
         With friction it is the mean over the directions from which a pose can be approached.
         """
+        return self._mean_readings(q, wrench).tcp[:, 0]
+
+    def _mean_readings(self, q: FloatArray, wrench: FloatArray) -> Readings:
         states, n = self._states, len(q)
         every = np.tile(q, (len(states), 1))
         loads = np.tile(wrench, (len(states), 1))[:, None]
-        moved = self.readings(every, loads, np.repeat(states, n, axis=0)).tcp[:, 0]
-        return np.asarray(moved.reshape(len(states), n, 3).mean(axis=0))
+        of_states = self.readings(every, loads, np.repeat(states, n, axis=0))
+        return Readings(*(part.reshape(len(states), n, 1, 3).mean(axis=0) for part in of_states))
+
+    def oracle(self, q: FloatArray, sensed_wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) mean reading [m] of the tracker, from the sensor's (n, 6) reading.
+
+        It knows robot and rig, but neither noise nor the direction of the approach.
+        """
+        wrench = sensed_wrench
+        for effect in reversed(self.effects):
+            wrench = effect.sensed(wrench, inverse=True)
+        return self.tracked(self._mean_readings(q, self.real_wrench(q, wrench)).point[:, 0])
+
+    def real_wrench(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 6) wrench at the TCP that a file describes as `wrench`."""
+        rotation = self.description.forward(q).rotation
+        for effect in self.effects:
+            wrench = effect.real_wrench(wrench, rotation)
+        return wrench
+
+    def tracked(self, deflection: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection in the tracker's frame."""
+        for effect in self.effects:
+            deflection = effect.tracked(deflection)
+        return deflection
 
     def joint_turn(self, torque: FloatArray) -> FloatArray:
         """Return the (n, n_joints) turn [rad] (slide [m]) of unloaded joints under `torque`.
@@ -209,3 +238,80 @@ class WorldTwin:
             loaded = law.angle(on_springs, law.slipped(rest, on_springs))
             turns.append(loaded - law.angle(none, rest))
         return np.asarray(((turns[0] + turns[1]) / 2.0)[::3].T)
+
+
+@dataclass(eq=False)
+class WorldExperiment(TwinExperiment):
+    """The measurement of a robot in a world; other attributes as `TwinExperiment`.
+
+    Attributes:
+        world: name of the world.
+        approach: how each pose is reached.
+    """
+
+    _: KW_ONLY
+    world: World = "clean"
+    approach: Approach = "random"
+
+    def __post_init__(self) -> None:
+        """Draw the robot."""
+        effects = (of.drawn(self.constants, self.specimen) for of in WORLDS[self.world])
+        self.robot_in_world = WorldTwin(self.constants, self.specimen, tuple(effects))
+        self.robot = self.robot_in_world.robot
+        loads = self.loads.split("-")[0]
+        self._key = (self.constants.name, loads, self.loads_per_pose, self.specimen, self.seed)
+
+    def samples(self, poses: Poses, *, block: int = 0) -> Samples:
+        """Measure every load at each of the poses, as `TwinExperiment.samples`."""
+        return self._measured(poses, block)[0]
+
+    def measured(self, poses: Poses) -> BenchmarkData:
+        """Return `samples` with the robot and what only the simulation knows: see `BOUND_NAMES`.
+
+        The truth is for the wrench as each row writes it, at the TCP of the description.
+        """
+        twin = self.robot_in_world
+        samples, noiseless = self._measured(poses, 0)
+        bounds = {
+            TRUTH: twin.truth(samples.q, samples.wrench),
+            "oracle": twin.oracle(samples.q, samples.wrench),
+            "noise": noiseless,
+        }
+        return BenchmarkData(samples, twin.description, bounds, twin.truth, twin.joint_turn)
+
+    def _measured(self, poses: Poses, block: int) -> tuple[Samples, FloatArray]:
+        """Return the samples, and the (n, 3) readings without noise and errors."""
+        twin, n = self.robot_in_world, self.loads_per_pose
+        q = self.logged_q(poses)
+        wrench = self.wrenches(q, block=block)
+        rng = stream("approach", *self._key, block)
+        direction = rng.choice([-1.0, 1.0], (len(poses.q), q.shape[1]))
+        if self.approach == "one-sided":
+            direction[:] = direction[0]
+        readings = twin.readings(
+            q[::n],
+            twin.real_wrench(q, wrench).reshape(-1, n, 6),
+            direction,
+            cycled=self.approach == "cycled",
+        )
+        noiseless = twin.tracked(readings.point.reshape(-1, 3))
+        rng, noise = stream("noise", *self._key, block), self.constants.noise
+        for effect in twin.effects:
+            noise = effect.noise(noise)
+        sensed = wrench
+        for effect in twin.effects:
+            sensed = effect.sensed(sensed)
+        recorded = recorded_wrench(sensed, noise, rng)
+        pose = np.repeat(np.arange(len(poses.q)), n)
+        errors = sum(
+            (effect.reading_errors(pose, len(q), rng) for effect in twin.effects), 0.0 * noiseless
+        )
+        samples = Samples(
+            q=q,
+            wrench=recorded,
+            deflection=recorded_deflection(noiseless + errors, noise, rng),
+            pose_id=np.repeat(poses.pose_id, n),
+            load_id=np.tile(np.arange(1, n + 1).astype(str), len(poses.q)),
+            group=np.repeat(poses.group, n),
+        )
+        return samples, noiseless
