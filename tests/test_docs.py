@@ -18,9 +18,9 @@ from helpers.command_line import bench_here
 from helpers.command_tree import GROUPS, PARAMETERS
 from helpers.run_requests import planned
 from stiff_bench.api.registered import list_figures
-from stiff_bench.model_tools.plugins import checklist
+from stiff_bench.model_tools.plugins import check
 from stiff_bench.plan.cells import cell_tasks
-from stiff_bench.plan.registry import build_registry
+from stiff_bench.plan.registry import registry, use_only
 from stiff_bench.run.cell import compute_cell
 from stiff_datasets.measured.sheet_files import sample_table
 from stiff_protocols.protocol_catalog import PROTOCOLS
@@ -83,17 +83,17 @@ PLUGINS = {
 
 
 @pytest.mark.parametrize("key", PLUGINS)
-def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(key, fanuc, tmp_path):
+def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(key, fanuc, tmp_path, request):
+    request.addfinalizer(registry.cache_clear)
     path = tmp_path / "my_plugin.py"
     path.write_text(PLUGINS[key], encoding="utf-8")
     sample_table(fanuc.samples, fanuc.robot).to_csv(tmp_path / "campaign_2026.csv", index=False)
-    registry = build_registry()
-    registry.add_file(path)
-    checked = checklist(key, "fanuc-r2000ic", (), registry)
+    use_only([path])
+    checked = check(key)
     assert checked.passed and len(checked.checks) > 2, repr(checked)
     words = {"models": ("vjm",), "datasets": ("fanuc-r2000ic",), "protocols": ("holdout",)}
-    (kind,) = (name for name in words if key in getattr(registry, name))
-    (task,) = cell_tasks(planned(registry, **words | {kind: (key,)}, splits=1))
+    (kind,) = (name for name in words if key in getattr(registry(), name))
+    (task,) = cell_tasks(planned(registry(), **words | {kind: (key,)}, splits=1))
     result = compute_cell(task, "run")
     assert (result.status, result.failure) == ("ok", "")
     assert bool(result.diagnostics) == (key != "mean-deflection")

@@ -12,8 +12,13 @@ import pytest
 
 from helpers.made_results import ROBOT, MadeResults, made_data
 from helpers.model_files import archived, members, saved_model
-from stiff_bench.store.database import FILE, read_manifests, read_results
-from stiff_bench.store.samples import data_content, stored_data
+from stiff_bench.store.database import (
+    FILE,
+    data_content,
+    read_manifests,
+    read_results,
+    stored_data,
+)
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_models import load

@@ -33,14 +33,12 @@ if TYPE_CHECKING:
     from stiff_bench.api.pictures import paper_table as paper_table
     from stiff_bench.api.postures import rank_postures as rank_postures
     from stiff_bench.api.records import export_results as export_results
-    from stiff_bench.api.registered import check as check
     from stiff_bench.api.registered import list_datasets as list_datasets
     from stiff_bench.api.registered import list_figures as list_figures
     from stiff_bench.api.registered import list_metrics as list_metrics
     from stiff_bench.api.registered import list_models as list_models
     from stiff_bench.api.registered import list_protocols as list_protocols
     from stiff_bench.api.registered import show as show
-    from stiff_bench.api.registered import use_plugin as use_plugin
     from stiff_bench.api.robot_programs import compensate_program as compensate_program
     from stiff_bench.api.robots import load_robot as load_robot
     from stiff_bench.api.robots import read_robot as read_robot
@@ -48,7 +46,9 @@ if TYPE_CHECKING:
     from stiff_bench.api.stiffness_maps import stiffness_map as stiffness_map
     from stiff_bench.api.tool_paths import compensate_path as compensate_path
     from stiff_bench.api.tool_paths import example_path as example_path
+    from stiff_bench.model_tools.plugins import check as check
     from stiff_bench.page.report import report as report
+    from stiff_bench.plan.registry import use_plugin as use_plugin
     from stiff_bench.results.results import Results as Results
     from stiff_bench.results.results import open_results as open_results
     from stiff_bench.results.selection import Selection as Selection

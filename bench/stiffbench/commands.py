@@ -185,8 +185,7 @@ def _run(
         lite: run the short version of the study: few robots, one split.
         against: also show results of other models; `published`: the results in the repository.
         output: folder that stores the results.
-        plan_only: only estimate: print how many fits are missing and how long they take. One fit
-            per new model is timed.
+        plan_only: print how many fits are missing and, from stored fits, how long they take.
         verbose: also print a table of each data set, and what fits report, such as stiffnesses.
     """
     about: dict[str, Any] = {"output": Path(output), "command": command_line()}
@@ -196,9 +195,9 @@ def _run(
             if value:
                 raise ConfigError("requires --study", word)
         run = api.evaluation.prepare_run(
-            models,
             [*datasets, *data] or [api.evaluation.DEFAULT_DATASET],
-            options.pop("protocol", ("holdout",)),
+            models=models,
+            protocols=options.pop("protocol", ("holdout",)),
             settings=settings,
             how=how,
             **about,
@@ -267,8 +266,7 @@ def _reproduce(
         output: folder to write to; the study gets a folder in it.
         write_only: compute nothing; write from stored results.
         site: also write the web pages of the study's leaderboard to this folder.
-        plan_only: only estimate: print how many fits are missing and how long they take. One fit
-            per new model is timed.
+        plan_only: print how many fits are missing and, from stored fits, how long they take.
     """
     command = command_line(without="--site")  # the page of results is the same with web pages
     run = api.evaluation.reproduction(
@@ -600,7 +598,7 @@ COMMANDS = {
         Command("list", "", "models", _list, show_tables),
         Command("show", "show", "vjm-gp"),
         Command("check", "check", "my-model --plugin my_model.py", show=show_check),
-        Command("new model", "api.registered:new_model", "my-model"),
+        Command("new model", "model_tools.plugins:new_model", "my-model"),
     ],
     "Take part in the leaderboard": [
         Command(

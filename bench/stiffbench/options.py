@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import stiffbench as sb
-from stiff_bench import api
 from stiff_bench.api import RESULTS
 from stiff_bench.console import SCREEN
 from stiff_bench.parameter_types import Bounds, Bytes, FilePath, Folder, Form, Point
@@ -74,6 +73,7 @@ def find_dataset(
         settings: option of the data set, KEY.OPTION=VALUE; may be repeated.
     """
     from stiff_bench.plan.options import chosen_dataset
+    from stiff_bench.plan.registry import registry
 
     path = Path(key)
     if path.suffix.lower() in (".csv", ".xlsx", ".parquet"):
@@ -85,7 +85,7 @@ def find_dataset(
             f"{key}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
             "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
         )
-    return sb.Dataset(chosen_dataset(key, settings, api.registered.registry()))
+    return sb.Dataset(chosen_dataset(key, settings, registry()))
 
 
 def find_own_data(
@@ -138,7 +138,9 @@ def use_plugins(plugin: Sequence[Path] = ()) -> None:
     Args:
         plugin: Python file with your MODELS, DATASETS or PROTOCOLS; may be repeated.
     """
-    api.registered.use_only(plugin)
+    from stiff_bench.plan.registry import use_only
+
+    use_only(plugin)
 
 
 def choose_format(fmt: Literal["github", "latex", "csv", "html", "json"] | None = None) -> str:

@@ -19,7 +19,7 @@ from unittest import mock
 
 from threadpoolctl import ThreadpoolController
 
-from stiff_bench.api.registered import registry
+from stiff_bench.plan.registry import registry
 from stiff_bench.store.database import stored_statuses
 from stiffbench.main import main
 

@@ -6,14 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.plan.cells import CellTask
-from stiff_bench.plan.options import choices
+from stiff_bench.plan.cells import CellTask, RunPlan, plan_run
 from stiff_bench.plan.registry import Registry, build_registry
-from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.run.cell import compute_cell
 from stiff_protocols.contract.record import CellResult
-
-CHOOSING = ("models", "datasets", "protocols", "settings")
 
 
 def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:
@@ -21,9 +17,7 @@ def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:
     words: dict[str, Any] = {"models": ("vjm",), "datasets": ("kr10-twin",)}
     words |= {"protocols": ("holdout",), "metrics": ("mae",), "device": "cpu"}
     words |= {"output": Path("unused"), "command": "bench run"} | changes
-    chosen = {name: words.pop(name) for name in CHOOSING if name in words}
-    registry = registry or build_registry()
-    return plan_run(choices(registry, **chosen), registry, **words)
+    return plan_run(registry or build_registry(), **words)
 
 
 def with_model(task: CellTask, cls: type, **params: Any) -> CellTask:

@@ -21,8 +21,7 @@ from helpers.perf_case import figure, ours_or_peer
 from helpers.run_requests import planned
 from stiff_bench.api.data_sets import Dataset
 from stiff_bench.api.evaluation import Run
-from stiff_bench.plan.cells import CellTask, cell_tasks
-from stiff_bench.plan.request import RunPlan
+from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks
 from stiff_bench.run.cell import Execution
 from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_datasets.measured.file_options import FileOptions

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from stiff_bench.analysis.learning_curve import CONFIDENCE, CurveErrors, learning_curve
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.whole_fit import whole_fit
 from stiff_bench.tables.published import published_stiffness
@@ -47,14 +46,10 @@ from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
     StiffBenchError,
-    StiffBenchWarning,
 )
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import Robot, Samples
-from stiff_protocols.scoring.sanity import check_prediction
-from stiff_protocols.splits.sample_efficiency import SampleEfficiency
 
 FIRST_POSES, NEXT_POSES = 151, 10
 """Default numbers of planned poses; the paper measured 151."""
@@ -63,9 +58,8 @@ WORKSPACE_POSES = 500
 """Number of random loads that represent the reachable workspace."""
 FEWEST_FOR_PROCESS = 10
 """Fewest poses to plan with a Gaussian process: with fewer its length scales are meaningless."""
-DRAWS, SIZES = 10, 6
-SMALLEST_SIZE, FEWEST_FOR_CURVE = 5, 15
-"""Fewest training poses of a learning curve, and fewest measured poses for a curve."""
+CONFIDENCE = 0.9
+"""Confidence of the printed intervals."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +102,6 @@ class PosePlan:
         robot: Robot,
         robot_words: str,
         measured: Measured | None = None,
-        curve: Sequence[str] = (),
     ) -> str:
         """Return a text on the plan's gain and the next steps with its `file`.
 
@@ -124,7 +117,6 @@ class PosePlan:
             plain_text(self.table),
             "",
             *self.findings,
-            *(["", *curve, ""] if curve else []),
             "Checked: joint limits, the arm's centre line against base column and ground.",
             "Not checked: shape of links and tool, surroundings. Approach each pose slowly.",
             "",
@@ -189,13 +181,13 @@ def _table(first: str, names: Sequence[str], rows: Sequence[Sequence[Entry]], sp
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Measured samples, and the model to fit to them.
+    """Measured samples, and the model to plan for.
 
     Attributes:
         file: name of the measured file.
         samples: samples of the file.
         robot: measured robot.
-        model: model to fit to all poses after the measurement.
+        model: model that the poses are chosen for.
     """
 
     file: str
@@ -256,6 +248,12 @@ def next_plan(
     model, robot, samples = measured.model, measured.robot, measured.samples
     n_new = NEXT_POSES if how.poses is None else how.poses
     criterion = how.criterion or "i-optimal"
+    if not (measured.is_process or model.info.key == REFERENCE_MODEL):
+        raise ConfigError(
+            f"{model.name!r} cannot estimate the gain of a pose (valid: {REFERENCE_MODEL} for "
+            "joint springs, gp-springs, gp, vjm-gp, mf-gp)",
+            "model",
+        )
     if measured.is_process and criterion != "i-optimal":
         raise ConfigError(
             f"{criterion}: only for joint springs (valid with {model.name}: i-optimal)", "criterion"
@@ -307,79 +305,4 @@ def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
         )
     if springs and (unknown := measured.springs.springs_.unidentifiable):
         lines.append(f"Not identifiable from the measured poses: {', '.join(unknown)}.")
-    if springs and model.info.key != REFERENCE_MODEL:
-        lines.append(
-            f"{model.name} cannot estimate the gain of a pose: the poses are chosen for joint "
-            "springs."
-        )
     return lines
-
-
-def curve_errors(measured: Measured, seed: int) -> CurveErrors:
-    """Fit the model to nested subsets of the poses, and test it on other poses.
-
-    The splits are taken from the protocol `sample-efficiency`: in each draw a fifth of the poses is
-    the test part for all sizes.
-
-    Raises:
-        DataError: there are too few poses.
-        StiffBenchError: the model cannot be fitted.
-    """
-    samples = measured.samples
-    poses, pose_of_row = np.unique(samples.pose_id, return_inverse=True)
-    if len(poses) < FEWEST_FOR_CURVE:
-        raise DataError(f"{len(poses)} poses; at least {FEWEST_FOR_CURVE} are needed")
-    protocol = SampleEfficiency()
-    most = len(poses) - int(protocol.test_fraction * len(poses))
-    least = max(SMALLEST_SIZE, most / 8)
-    sizes = np.unique(np.geomspace(least, most, SIZES).round().astype(np.int64))
-    protocol.sizes = ",".join(map(str, sizes))
-    totals = np.zeros((DRAWS, len(sizes), len(poses)))
-    counts = np.zeros((DRAWS, len(poses)), dtype=np.int64)
-    splits = protocol.splits(samples, n_splits=DRAWS, seed=seed)
-    for number, split in enumerate(splits):
-        report("learning curve", number, len(splits))
-        draw, size = divmod(number, len(sizes))
-        train = samples.take(np.sort(np.concatenate([split.train, split.validation])))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StiffBenchWarning)  # few poses identify little
-            model, _ = whole_fit(measured.model, train, measured.robot, seed=seed)
-        predicted = model.predict(samples.q[split.test], samples.wrench[split.test])
-        check_prediction(predicted, len(split.test))
-        errors = np.linalg.norm(predicted - samples.deflection[split.test], axis=1)
-        tested = pose_of_row[split.test]
-        totals[draw, size] = np.bincount(tested, errors, len(poses))
-        counts[draw] = np.bincount(tested, minlength=len(poses))
-    return CurveErrors(sizes, totals, counts)
-
-
-def curve_text(measured: Measured, n_new: int, seed: int) -> list[str]:
-    """Return the learning curve up to `n_new` more poses as lines, or the error."""
-    name = f"{measured.model.name} on {measured.file}"
-    try:
-        errors = curve_errors(measured, seed)
-    except StiffBenchError as error:
-        return [f"No learning curve of {name}: {error}."]
-    curve, now = learning_curve(errors, seed=seed), measured.n_poses
-    law, more = curve.law, sorted({now + n_new, 2 * now})
-    sizes = [*map(str, errors.sizes), *(f"{size}*" for size in (now, *more))]
-    values = [*errors.mean, *map(law, (now, *more))]
-    rows: list[list[Entry]] = [
-        [size, float(value) * MM] for size, value in zip(sizes, values, strict=True)
-    ]
-    columns = [Column("training poses", "text"), Column("mean 3-D error [mm]", format=".4f")]
-    steps = ", ".join(
-        f"with {size - now} more poses about {law(size) * MM:.3f} mm ({low:.3f} to {high:.3f} mm)"
-        for size in more
-        for low, high in [[MM * end for end in curve.interval(size, now)]]
-    )
-    remark = "" if curve.exponent_is_fitted else " (assumed, the errors do not determine it)"
-    return [
-        f"Learning curve of {name}, tested on held-out poses (* fitted curve):",
-        "",
-        plain_text(Table("", columns, rows)),
-        "",
-        f"The mean error is {law(now) * MM:.3f} mm now, {steps}: an extrapolation by a + b n^-c "
-        f"with {percent(CONFIDENCE)} intervals, c = {law.c:.2f}{remark}, for poses like the "
-        "measured ones.",
-    ]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.api.registered import registry
 from stiff_bench.api.robots import as_robot
 from stiff_bench.parameter_types import Folder
+from stiff_bench.plan.cells import loaded
 from stiff_bench.plan.options import (
     Choice,
     chosen,
@@ -20,8 +20,7 @@ from stiff_bench.plan.options import (
     measured_file,
     parse_option,
 )
-from stiff_bench.plan.registry import Kind
-from stiff_bench.plan.request import loaded
+from stiff_bench.plan.registry import Kind, registry
 from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import Text
 from stiff_datasets.measured.drilled_holes import drilled_holes as drilled_holes

@@ -14,23 +14,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
-from stiff_bench.api.registered import registry
 from stiff_bench.console import say
 from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed
-from stiff_bench.plan.cells import CellTask, cell_tasks
-from stiff_bench.plan.options import Choice, Chosen, choices
-from stiff_bench.plan.request import RunPlan, plan_run, with_reference
+from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks, plan_run
+from stiff_bench.plan.options import Choice
+from stiff_bench.plan.registry import registry
 from stiff_bench.results.results import Results
 from stiff_bench.run.cell import Execution
 from stiff_bench.run.machine import pinned, usable_cores
-from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_bench.tables.units import counted, first_few
 from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.plugin import ModelInfo
+from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.record import CellResult
 
 if TYPE_CHECKING:
@@ -57,36 +55,14 @@ class Run:
         return list(cell_tasks(*self.plans))
 
     def forecast(self) -> Tables:
-        """Return a forecast of the fits per model, and of the total time.
+        """Return the numbers of stored and missing fits per model, and the expected time."""
+        from stiff_bench.analysis.forecast import forecast
 
-        For models without a stored fit, one fit per data set is timed, except on a cluster.
-        """
-        from stiff_bench.analysis.forecast import (
-            LONGEST_FIT_S,
-            LONGEST_S,
-            forecast,
-            forecast_line,
-            forecast_table,
-            time_fits,
-            untimed_fits,
+        plan, execution = self.plans[0], self.execution
+        table, line = forecast(
+            self.tasks, plan.output, rerun=execution.rerun, jobs=execution.at_once
         )
-
-        plan, jobs, rerun = self.plans[0], self.execution.at_once, self.execution.rerun
-        untimed = untimed_fits(self.tasks, plan.output, rerun=rerun)
-        facts, timed = self.execution.facts, list[CellResult]()
-        if untimed and not facts["dask"]:
-            n_models = len({task.presentation.model for task in untimed})
-            say(
-                f"timing a fit of {counted(n_models, 'model')} without a stored one, for at most "
-                f"{LONGEST_S + LONGEST_FIT_S:g} s"
-            )
-            timing = chosen_execution(
-                plan, registry(), threads=int(facts["threads"]), timeout=LONGEST_FIT_S
-            )
-            timed = time_fits(untimed, timing)
-        forecasts = forecast(self.tasks, plan.output, rerun=rerun, timed=timed)
-        tables = [forecast_table(forecasts, jobs)]
-        return Tables(tables, plan.command, forecast_line(forecasts[-1], jobs))
+        return Tables([table], plan.command, line)
 
     def board(self, results: Results) -> Tables | None:
         """Return tables to print instead of the results; None: print the results."""
@@ -100,8 +76,7 @@ class Run:
             task.presentation.warning for task in tasks if task.presentation.warning
         ):
             say(f"warning: {warning}")
-        with display() as progress:
-            finished = run_cells(tasks, plan.command, store, self.execution, progress)
+        finished = run_cells(tasks, plan.command, store, self.execution)
         metrics = tuple(metric.key for metric in plan.metrics)
         return Results(plan.output, metrics, plan.command, finished)
 
@@ -166,34 +141,18 @@ class RunAgainst(Run):
 
 
 def prepare_run(
-    models: Sequence[str | Choice[ModelInfo]],
-    datasets: Sequence[str | Dataset],
-    protocols: Sequence[str],
-    *,
-    settings: Sequence[str] = (),
-    how: Mapping[str, Any],
-    **planned: Any,
+    datasets: Sequence[str | Dataset], *, how: Mapping[str, Any], **planned: Any
 ) -> Run:
     """Return a checked run.
 
-    `settings` are options of the models, data sets and protocols. `how` has the arguments of
-    `chosen_execution`, `planned` the arguments of `plan_run`.
+    `how` has the arguments of `chosen_execution`, `planned` the arguments of `plan_run`.
     """
-    chosen = with_reference(_chosen(models, datasets, protocols, settings), registry())
-    plan = plan_run(chosen, registry(), **planned)
+    plan = plan_run(registry(), datasets=_choices(datasets), with_reference=True, **planned)
     return Run([plan], chosen_execution(plan, registry(), **how))
 
 
-def _chosen(
-    models: Sequence[str | Choice[ModelInfo]],
-    datasets: Sequence[str | Dataset],
-    protocols: Sequence[str],
-    settings: Sequence[str],
-) -> Chosen:
-    data_sets = [word.choice if isinstance(word, Dataset) else word for word in datasets]
-    return choices(
-        registry(), models=models, datasets=data_sets, protocols=protocols, settings=settings
-    )
+def _choices(datasets: Sequence[str | Dataset]) -> list[str | Choice[DatasetInfo]]:
+    return [word.choice if isinstance(word, Dataset) else word for word in datasets]
 
 
 def model_and_data(
@@ -206,8 +165,14 @@ def model_and_data(
     """Return the unfitted model and the data set of `bench fit`."""
     if len(datasets) != 1:
         raise ConfigError("give either --dataset KEY or --data FILE.csv")
-    chosen = _chosen(models, datasets, (), settings)
-    plan = plan_run(chosen, registry(), output=Path(), device=device)
+    plan = plan_run(
+        registry(),
+        models=models,
+        datasets=_choices(datasets),
+        settings=settings,
+        output=Path(),
+        device=device,
+    )
     if len(plan.models) != 1:
         raise ConfigError(f"--model: {len(plan.models)} models; a file holds one model")
     return Model(plan.models[0]), Dataset(plan.datasets[0])
@@ -239,8 +204,8 @@ def evaluate(
         metrics: metric of the tables, see `bench list metrics`; by default mae, stde and me, and
             for tool paths norm, norm-p95, norm-max and removed; may be repeated.
         coverage: coverage (0..1) of prediction intervals, per axis; by default 0.9.
-        jobs: number of fits at the same time, each in a separate process. Classes defined in a
-            script or notebook are fitted in this process.
+        jobs: number of fits at the same time, each in a separate process, for which a script needs
+            `if __name__ == "__main__":`. Classes of a script or notebook are fitted in this one.
         device: device that networks run on.
         output: folder to store the results; stored results are not computed again. None: the
             results are deleted with the `Results` object.
@@ -266,9 +231,9 @@ def evaluate(
     ]
     folder = Path(tempfile.mkdtemp(prefix="stiffbench-") if output is None else output)
     run = prepare_run(
-        model_choices,
         data,
-        _listed(protocol),
+        models=model_choices,
+        protocols=_listed(protocol),
         metrics=metrics,
         coverage=coverage,
         splits=splits,
@@ -377,7 +342,7 @@ def run_of_study(
     if lite:
         study = study.lite_version()
     if models:
-        study = study.with_models(with_reference_word(models))
+        study = study.with_models([*dict.fromkeys([REFERENCE_MODEL, *models])])
     plans = study.plans(registry(), output=output, command=command)
     execution = chosen_execution(plans[0], registry(), **how)
     if published is None:
@@ -396,11 +361,6 @@ def run_facts(results: Results) -> list[str]:
     if old := len(finished.cached.intersection(failed)):
         lines.append(f"{old} of the failures are of earlier runs; --rerun failed repeats them")
     return lines
-
-
-def with_reference_word(models: Sequence[str]) -> list[str]:
-    """Return names of models with the reference model first."""
-    return [*dict.fromkeys([REFERENCE_MODEL, *models])]
 
 
 def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reproduction:

@@ -15,8 +15,8 @@ from stiff_bench.api.model import model_choice
 from stiff_bench.api.robots import as_robot, payload_of, robot_words, shipped_name
 from stiff_bench.console import say
 from stiff_bench.parameter_types import Bounds, Count, FilePath, Form, PoseTolerance, Seed
+from stiff_bench.plan.cells import loaded
 from stiff_bench.plan.options import measured_file
-from stiff_bench.plan.request import loaded
 from stiff_bench.run.progress import display
 from stiff_bench.tables.writers import Text
 from stiff_datasets.measured import validation_report as validation
@@ -58,8 +58,7 @@ def plan_poses(
 ) -> Text:
     """Write a measurement plan to fill in.
 
-    Without a robot, the plan is for the KR10. With `after`, it continues a measurement and
-    estimates what more poses gain.
+    Without a robot, the plan is for the KR10. With `after`, it continues a measurement.
 
     Args:
         output: new .csv file.
@@ -73,8 +72,8 @@ def plan_poses(
         seed: seed of all random numbers.
         robot: robot to measure: a shipped name or a `Robot`; by default the KR10.
         after: measurement so far (.csv, .xlsx or .parquet); the plan has the next poses.
-        model: model to choose poses for, with `after`; by default vjm. gp-springs, gp, vjm-gp and
-            mf-gp use their own intervals, the others predictions of joint springs.
+        model: model to choose poses for, with `after`: joint springs (vjm, the default), or
+            gp-springs, gp, vjm-gp or mf-gp with their own intervals.
         workspace: file (.csv) of poses and wrenches that predictions are needed for, with `after`;
             by default all that the robot can reach.
         no_torque: torques were not measured: their columns may be missing, or zero.
@@ -105,16 +104,15 @@ def plan_poses(
             plan = pose_plans.first_plan(
                 arm, how, is_paper_robot=shipped_name(arm) == DEFAULT_ROBOT
             )
-        measured, curve = None, []
+        measured = None
     else:
         file = measured_file(Path(after), arm, options)
         fitted = model_choice(model or REFERENCE_MODEL, {})
         measured = pose_plans.Measured(str(after), loaded(file).samples, arm, fitted)
         with display():
             plan = pose_plans.next_plan(measured, how, workspace)
-            curve = pose_plans.curve_text(measured, len(plan.plan.q), seed)
     write_plan(output, plan.plan, arm)
-    return Text(plan.report(output, arm, robot_words(arm), measured, curve))
+    return Text(plan.report(output, arm, robot_words(arm), measured))
 
 
 def validate(

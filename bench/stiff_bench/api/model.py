@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of
-from stiff_bench.api.registered import registry
 from stiff_bench.console import say
 from stiff_bench.parameter_types import FilePath, Fraction
+from stiff_bench.plan.cells import check_model
 from stiff_bench.plan.options import Choice
-from stiff_bench.plan.registry import OURS
-from stiff_bench.plan.request import check_model
+from stiff_bench.plan.registry import OURS, registry
 from stiff_bench.results.fit_values import metric_lines
 from stiff_bench.run.progress import display
 from stiff_bench.run.whole_fit import cross_validated_error, left_out_errors, whole_fit

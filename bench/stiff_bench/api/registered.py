@@ -5,14 +5,11 @@ Modules that need numpy or pydantic are imported at their use, so that lists of 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import cache
-from pathlib import Path
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from stiff_bench.console import wrapped
-from stiff_bench.parameter_types import Folder, Setting
-from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.plan.registry import registry
 from stiff_bench.tables.table import Column, Entry, Name, Table
 from stiff_bench.tables.units import PRINTED
 from stiff_bench.tables.writers import Tables, Text, plain_text
@@ -26,30 +23,7 @@ from stiff_protocols.contract.plugin import (
 )
 
 if TYPE_CHECKING:
-    from stiff_bench.model_tools.plugins import CheckResults
     from stiff_bench.plan.options import Option
-
-
-@cache
-def registry() -> Registry:
-    """Return the registry of models, data sets and protocols, including plugins."""
-    return build_registry()
-
-
-def use_plugin(file: Path | str) -> None:
-    """Import a plugin file that defines MODELS, DATASETS or PROTOCOLS.
-
-    Raises:
-        ConfigError: the file cannot be imported, or a key is already used.
-    """
-    registry().add_file(Path(file))
-
-
-def use_only(plugins: Iterable[Path]) -> None:
-    """Replace the plugins of files by these."""
-    registry.cache_clear()
-    for file in plugins:
-        use_plugin(file)
 
 
 def list_models() -> Tables:
@@ -186,37 +160,3 @@ def _default(option: Option) -> str:
     default = option.default
     word = str(default).lower() if default is None or isinstance(default, bool) else default
     return f"default: {word}" if word != "" else "no default"
-
-
-def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()) -> CheckResults:
-    """Check the interface of a model, data set or protocol.
-
-    Exit status of the command: 0 no check failed; 1 a check failed; 2 it cannot be checked.
-
-    Args:
-        key: model, data set or protocol; one of a plugin file needs the plugin.
-        dataset: data set to check a model or protocol on.
-        settings: option of the model, protocol or data set; may be repeated.
-
-    Returns:
-        Printable outcomes of the checks; `passed` is True if nothing failed.
-
-    Raises:
-        ConfigError: a key, option or value is wrong, or the plugin cannot be used here.
-        DataError: the data set cannot be loaded or is too small.
-    """
-    from stiff_bench.model_tools.plugins import checklist
-
-    return checklist(key, dataset, settings, registry())
-
-
-def new_model(name: str, output: Folder = Path()) -> str:
-    """Write a small working model and its test.
-
-    Args:
-        name: name of the model.
-        output: folder to write to.
-    """
-    from stiff_bench.model_tools import plugins
-
-    return plugins.new_model(name, Path(output), registry())

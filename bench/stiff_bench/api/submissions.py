@@ -10,10 +10,10 @@ from typing import Annotated, Any
 
 from stiff_bench.api.evaluation import run_of_study
 from stiff_bench.api.records import records_of
-from stiff_bench.api.registered import use_only
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.parameter_types import Form
 from stiff_bench.plan.cells import installed
+from stiff_bench.plan.registry import use_only
 from stiff_bench.store.database import ResultStore, read_manifests, read_results
 from stiff_bench.submissions.card import read_card
 from stiff_bench.submissions.published_results import place_of

@@ -17,8 +17,8 @@ from scipy.special import ndtri
 from stiff_bench.figures.figure_source import FigureSource, setting, subtitle
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
+from stiff_bench.plan.cells import true_joint_turns
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.plan.request import true_joint_turns
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.model_catalog import REFERENCE_MODEL

@@ -7,7 +7,7 @@ import importlib.util
 import keyword
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
@@ -17,9 +17,10 @@ from typing import Any
 from unittest import mock
 
 from stiff_bench.console import wrapped
+from stiff_bench.parameter_types import Folder, Setting
+from stiff_bench.plan.cells import loaded
 from stiff_bench.plan.options import Choice, chosen, chosen_dataset
-from stiff_bench.plan.registry import OURS, Info, Kind, Registry
-from stiff_bench.plan.request import loaded
+from stiff_bench.plan.registry import OURS, Info, Kind, registry
 from stiff_bench.run.progress import display
 from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.model_file import load, save
@@ -64,23 +65,31 @@ class CheckResults:
         return "\n".join([*lines, "", ", ".join(counts)])
 
 
-def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registry) -> CheckResults:
-    """Return the checklist of `bench check KEY`.
+def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()) -> CheckResults:
+    """Check the interface of a model, data set or protocol.
 
-    Models and protocols are checked on the data set; settings are ``KEY.option=value`` words.
+    Exit status of the command: 0 no check failed; 1 a check failed; 2 it cannot be checked.
+
+    Args:
+        key: model, data set or protocol; one of a plugin file needs the plugin.
+        dataset: data set to check a model or protocol on.
+        settings: option of the model, protocol or data set; may be repeated.
+
+    Returns:
+        Printable outcomes of the checks; `passed` is True if nothing failed.
 
     Raises:
-        ConfigError: a key, option or value is wrong, or the entry cannot be used here.
+        ConfigError: a key, option or value is wrong, or the plugin cannot be used here.
         DataError: the data set cannot be loaded or is too small.
     """
-    info = registry.find(key)
+    info = registry().find(key)
     if isinstance(info, DatasetInfo):
-        choice = chosen_dataset(key, settings, registry)
+        choice = chosen_dataset(key, settings, registry())
         _refuse_missing(choice)
         with display():
             return CheckResults(_named(choice), check_dataset(choice.make))
     kind: Kind = "model" if isinstance(info, ModelInfo) else "protocol"
-    choices_by_kind = chosen({kind: (key,), "dataset": (dataset,)}, settings, registry)
+    choices_by_kind = chosen({kind: (key,), "dataset": (dataset,)}, settings, registry())
     (subject,), (on,) = choices_by_kind.values()
     if isinstance(info, ModelInfo):
         subject = replace(subject, params={**info.quick, **subject.params})
@@ -88,7 +97,7 @@ def checklist(key: str, dataset: str, settings: Sequence[str], registry: Registr
     with display():
         data = loaded(on)
         if isinstance(info, ModelInfo):
-            ours = registry.origins.get(key, OURS) == OURS
+            ours = registry().origins.get(key, OURS) == OURS
             with mock.patch.dict(os.environ, {VARIABLE: OFF}):  # a kept training repeats itself
                 checks = check_model(
                     subject.make,
@@ -140,27 +149,34 @@ def _names(name: str) -> dict[str, str]:
     return {"key": "-".join(words), "module": module, "cls": camel}
 
 
-def new_model(name: str, folder: Path, registry: Registry) -> str:
-    """Write a plugin and its test into `folder`, and return the commands to type next.
+def new_model(name: str, output: Folder = Path()) -> str:
+    """Write a small working model and its test.
+
+    Args:
+        name: name of the model.
+        output: folder to write to.
+
+    Returns:
+        Text with the commands to type next.
 
     Raises:
         ConfigError: the name cannot be used, or is taken.
         StoreError: a file exists or cannot be written.
     """
-    names = _names(name)
+    names, folder = _names(name), Path(output)
     key, module = names["key"], names["module"]
-    if key in registry.origins:
-        raise ConfigError(f"key {key!r} is taken by {registry.origins[key]}; give another name")
+    if key in registry().origins:
+        raise ConfigError(f"key {key!r} is taken by {registry().origins[key]}; give another name")
     make_folder(folder)
     plugin, test = folder / f"{module}.py", folder / f"test_{module}.py"
     for path in (plugin, test):
         check_new_file(path)
     if importlib.util.find_spec(module) is not None:
         raise ConfigError(f"Python already has a module {module!r}; give another name")
-    with written_whole(plugin) as first:  # which has its name only when the other is written
-        first.write_text(_filled_in("model.py.txt", names), encoding="utf-8")
-        with written_whole(test) as second:
-            second.write_text(_filled_in("test.py.txt", names), encoding="utf-8")
+    for path, template in ((plugin, "model.py.txt"), (test, "test.py.txt")):
+        text = (files("stiff_bench.model_tools") / "templates" / template).read_text("utf-8")
+        with written_whole(path) as temporary:
+            temporary.write_text(Template(text).substitute(names), encoding="utf-8")
     at = shlex.quote(str(plugin))
     return "\n".join(
         [
@@ -170,8 +186,3 @@ def new_model(name: str, folder: Path, registry: Registry) -> str:
             f"  bench run --model {key} --model vjm --plugin {at}",
         ]
     )
-
-
-def _filled_in(template: str, names: Mapping[str, str]) -> str:
-    text = (files("stiff_bench.model_tools") / "templates" / template).read_text(encoding="utf-8")
-    return Template(text).substitute(names)

@@ -15,9 +15,8 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from stiff_bench.plan.options import choices
+from stiff_bench.plan.cells import RunPlan, plan_run
 from stiff_bench.plan.registry import Registry
-from stiff_bench.plan.request import RunPlan, plan_run
 from stiff_bench.results.selection import BoardSettings
 from stiff_bench.store.names import split_word
 from stiff_protocols.contract.errors import ConfigError, unknown_name
@@ -152,14 +151,11 @@ class Study:
         try:
             return [
                 plan_run(
-                    choices(
-                        registry,
-                        models=run.models,
-                        datasets=self.datasets_of(run),
-                        protocols=run.protocols,
-                        settings=run.settings,
-                    ),
                     registry,
+                    models=run.models,
+                    datasets=self.datasets_of(run),
+                    protocols=run.protocols,
+                    settings=run.settings,
                     output=output,
                     metrics=self.metrics,
                     splits=run.splits,

@@ -14,6 +14,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, Literal, get_args, get_origin, get_type_hints
 
@@ -25,7 +26,7 @@ from stiff_datasets.dataset_catalog import MEASURED_FILE
 from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_protocols.contract.errors import ConfigError, describe_error, unknown_name
-from stiff_protocols.contract.plugin import DatasetInfo, Grid, ModelInfo, ProtocolInfo, Range
+from stiff_protocols.contract.plugin import DatasetInfo, Grid, ModelInfo, Range
 from stiff_protocols.contract.protocol_base import EvaluationProtocol
 from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import BenchmarkData, Robot
@@ -105,27 +106,19 @@ def parse_option(source_text: str, key: str, cls: type, name: str, value: Any) -
             return words[given]
     validate = TypeAdapter.validate_strings if is_text else TypeAdapter.validate_python
     try:
-        str(given).encode()
         parsed_value = validate(TypeAdapter(option.annotation), given)
-    except UnicodeEncodeError:
-        raise ConfigError(f"{source_text}: {given!r} is not valid UTF-8") from None
     except PydanticUserError:
         raise ConfigError(
             f"{source_text}: {name} is a {option.type_text}, which no text gives"
         ) from None
     except ValidationError as error:
         value_errors = (item for item in error.errors() if item["type"] == "value_error")
-        reasons = "".join(
-            f": {item['ctx']['error']}" for item in value_errors
-        )  # pydantic's words are for programmers
+        # pydantic's own words are for programmers
+        reasons = "".join(f": {item['ctx']['error']}" for item in value_errors)
         wrong = f"{source_text}: invalid {name} {given!r}{reasons}"
         raise ConfigError(f"{wrong} (valid: {option.type_text})") from None
     if isinstance(parsed_value, float) and not math.isfinite(parsed_value):
         raise ConfigError(f"{source_text}: {given!r} is not finite (valid: {option.type_text})")
-    if isinstance(parsed_value, int) and not -(2**63) <= parsed_value < 2**63:
-        raise ConfigError(
-            f"{source_text}: {given} takes more than the 64 bits that a result stores"
-        )
     return parsed_value
 
 
@@ -218,7 +211,7 @@ class Choice(Generic[Info]):
         """Return the options that were set: "name=value, ..."; "" for all defaults."""
         return ", ".join(f"{name}={value}" for name, value in sorted(self.params.items()))
 
-    @property
+    @functools.cached_property
     def name(self) -> str:
         """Key with every option that differs from its default: a word of the command line."""
         options = options_of(self.cls)
@@ -274,15 +267,6 @@ class TunedChoice(Choice[ModelInfo]):
     def make(self) -> Any:
         """Return a new object that chooses."""
         return self.tuner.tuned(super().make(), self.grid)
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """Models, data sets and protocols of a run, before they are checked."""
-
-    models: Sequence[Choice[ModelInfo]]
-    datasets: Sequence[Choice[DatasetInfo]]
-    protocols: Sequence[Choice[ProtocolInfo]] = ()
 
 
 def parse_settings(
@@ -342,18 +326,22 @@ def chosen(
     """Return the choices for words; options in a word have priority over `settings`.
 
     Args:
-        given: of each kind, ``KEY@OPTION=VALUE@...``, or what is chosen already.
+        given: of each kind, ``KEY@OPTION=VALUE@...``, or what is chosen already; the model "all" is
+            every registered model.
         settings: ``KEY.option=value`` words; each must be of a key among the words.
         registry: knows the keys.
 
     Raises:
         ConfigError: a key, an option or a value is unknown or wrong.
     """
+    if EVERY_MODEL in given.get("model", ()):
+        models = [registry.models if word == EVERY_MODEL else [word] for word in given["model"]]
+        given = {**given, "model": [*chain.from_iterable(models)]}
     keys = {
         split_word(word)[0]: kind
         for kind, words in given.items()
         for word in words
-        if type(word) is str
+        if isinstance(word, str)
     }
     infos = {key: registry.find(key, kind) for key, kind in keys.items()}
     classes = {key: info.load() for key, info in infos.items()}
@@ -376,33 +364,6 @@ def chosen_dataset(word: str, settings: Sequence[str], registry: Registry) -> Ch
         ConfigError: the key, an option or a value is unknown or wrong.
     """
     return chosen({"dataset": (word,)}, settings, registry)["dataset"][0]
-
-
-def choices(
-    registry: Registry,
-    *,
-    models: Sequence[str | Choice[ModelInfo]],
-    datasets: Sequence[str | Choice[DatasetInfo]] = (),
-    protocols: Sequence[str] = (),
-    settings: Sequence[str] = (),
-) -> Chosen:
-    """Return the choices for words; "all" is every registered model.
-
-    Raises:
-        ConfigError: a key, option or value is unknown or wrong.
-    """
-    if not models:
-        raise ConfigError(f"give at least one --model (valid: {', '.join(registry.models)}, all)")
-    model_words = [
-        name for word in models for name in (registry.models if word == EVERY_MODEL else [word])
-    ]
-    words: dict[Kind, Sequence[str | Choice[Any]]] = {
-        "model": model_words,
-        "dataset": datasets,
-        "protocol": protocols,
-    }
-    by_kind = chosen(words, settings, registry)
-    return Chosen(by_kind["model"], by_kind["dataset"], by_kind["protocol"])
 
 
 def measured_file(path: Path, robot: Robot, options: FileOptions) -> Choice[DatasetInfo]:

@@ -10,6 +10,7 @@ import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import chain
 from pathlib import Path
@@ -145,6 +146,28 @@ def build_registry() -> Registry:
         for point in installed.select(group=f"stiffbench.{kind}"):
             _add_installed(registry, point)
     return registry
+
+
+@cache
+def registry() -> Registry:
+    """Return the registry of models, data sets and protocols, including plugins."""
+    return build_registry()
+
+
+def use_plugin(file: Path | str) -> None:
+    """Import a plugin file that defines MODELS, DATASETS or PROTOCOLS.
+
+    Raises:
+        ConfigError: the file cannot be imported, or a key is already used.
+    """
+    registry().add_file(Path(file))
+
+
+def use_only(plugins: Iterable[Path]) -> None:
+    """Replace the plugins of files by these."""
+    registry.cache_clear()
+    for file in plugins:
+        use_plugin(file)
 
 
 def _add_installed(registry: Registry, point: EntryPoint) -> None:

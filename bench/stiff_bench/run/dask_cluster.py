@@ -29,9 +29,8 @@ from stiff_bench.run.cell import Execution, fit_input, score
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.fit_process import Limits, Work
 from stiff_bench.run.isolate import SECONDS_BETWEEN_LOOKS, RunningFit, work_of
-from stiff_bench.run.machine import pinned
+from stiff_bench.run.machine import LIBRARIES, environment, pinned
 from stiff_bench.run.progress import Display
-from stiff_bench.run.provenance import LIBRARIES, environment
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.record import CellResult

@@ -7,12 +7,14 @@ cannot read the test labels.
 from __future__ import annotations
 
 import random
+import statistics
 import sys
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -20,7 +22,7 @@ import numpy as np
 from stiff_bench.console import printing_to_stderr
 from stiff_bench.plan.cells import made_model
 from stiff_bench.plan.options import Choice
-from stiff_bench.run.costs import MemoryMeter, latency, throughput
+from stiff_bench.run.machine import MemoryMeter
 from stiff_protocols.contract.errors import (
     ModelError,
     StiffBenchError,
@@ -53,6 +55,11 @@ CURVE_POINTS = 60
 """Number of stored points per training curve: enough for a figure."""
 LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
 """Characters of a failure or warning; number of stored warnings per cell."""
+MOST_SINGLE_PREDICTIONS = 21
+ROWS_AT_ONCE = 1024
+SECONDS = 0.1
+"""A model that takes longer in total is not called again."""
+SHORTEST = 1e-9  # a coarse clock may show no difference
 _Result = TypeVar("_Result")
 
 
@@ -187,8 +194,8 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
     cost = Cost(  # measured last: the number of calls depends on the machine's speed
         fit_s=fitted - start,
         predict_s=predict_s,
-        latency_s=latency(model, q, wrench),
-        throughput_per_s=throughput(model, q, wrench, predict_s),
+        latency_s=_latency(model, q, wrench),
+        throughput_per_s=_throughput(model, q, wrench, predict_s),
         memory_bytes=memory_bytes,
     )
     curves = getattr(model, "curves_", {})
@@ -205,6 +212,40 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
         curves={str(name): _thinned(name, curve) for name, curve in curves.items()},
         path_commands=path_commands,
     )
+
+
+def _latency(model: StiffnessModel, q: FloatArray, wrench: FloatArray) -> float:
+    """Return the median wall time [s] of predicting one row; `q` and `wrench` hold some rows."""
+    times: list[float] = []
+    rows = [slice(i, i + 1) for i in range(min(len(q), MOST_SINGLE_PREDICTIONS))]
+    while len(times) < MOST_SINGLE_PREDICTIONS and sum(times) < SECONDS:
+        row = rows[len(times) % len(rows)]
+        times.append(_seconds(partial(model.predict, q[row], wrench[row])))
+    return statistics.median(times)
+
+
+def _throughput(
+    model: StiffnessModel, q: FloatArray, wrench: FloatArray, predict_s: float
+) -> float:
+    """Return the rows per second of a large call; calls grow up to 1,024 rows.
+
+    The (n, n_joints) and (n, 6) rows are repeated. Predicting them once took `predict_s`. A slow
+    model is not called with more rows.
+    """
+    seconds, times = predict_s, 1
+    enough = -(-ROWS_AT_ONCE // len(q))
+    while times < enough and seconds < SECONDS / 2:
+        # twice the rows take at most about twice the time, so no call takes much longer than that
+        times = min(2 * times, enough)
+        many = [np.tile(rows, (times, 1)) for rows in (q, wrench)]
+        seconds = _seconds(partial(model.predict, *many))
+    return times * len(q) / max(seconds, SHORTEST)
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    call()
+    return max(time.perf_counter() - start, SHORTEST)
 
 
 def _check_interval(interval: Interval, n: int, coverage: float) -> None:

@@ -13,15 +13,12 @@ import shutil
 import signal
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, wait
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from multiprocessing.util import get_temp_dir
 from pathlib import Path
-from types import ModuleType
 
 import orjson
 import psutil
@@ -51,14 +48,14 @@ from stiff_protocols.contract.record import CellResult
 SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_TO_HEAR = 5.0
 """Time that the result of an ended process may take to arrive."""
-LONGEST_TEMPDIR = 70
-"""Bytes. The full name of a socket has at most 107 (unix(7)); multiprocessing needs 33 of them."""
 LOG_LINES, LONGEST_LINE = 30, 500
 LARGEST_LOG = 2**22
 """Size of a log at which all of it is deleted, bytes."""
 _NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"', "/stiff_bench/", "/pebble/")
 """Parts of faulthandler's lines that do not concern the model."""
 _OURS = ("stiff_models.", "stiff_protocols.")
+_NOT_STARTED = (OSError, pickle.PicklingError, AttributeError, TypeError)
+"""Errors of the system, and of what cannot be sent to a process."""
 TIMED_OUT, OUT_OF_MEMORY, NO_OUTCOME = "timed out", "out of memory", "no outcome"
 
 
@@ -98,10 +95,8 @@ class RunningFit:
         start = concurrent.process(  # type: ignore[call-overload]  # pebble's type hints have mp_context
             daemon=False, timeout=work.limits.timeout_s, context=context
         )
-        _keep_socket_names_short()
         try:
-            with _main_not_imported():
-                self.future: ProcessFuture[FitOutcome] = start(compute_fit)(work, self._folder)
+            self.future: ProcessFuture[FitOutcome] = start(compute_fit)(work, self._folder)
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
@@ -191,34 +186,6 @@ class RunningFit:
         return tuple(line[:LONGEST_LINE].rstrip() for line in model_lines[-LOG_LINES:])
 
 
-def _keep_socket_names_short() -> None:
-    """Put multiprocessing's sockets into /tmp if TMPDIR is long, as on batch systems."""
-    if len(os.fsencode(tempfile.gettempdir())) > LONGEST_TEMPDIR:
-        before, tempfile.tempdir = tempfile.tempdir, "/tmp"
-        try:
-            get_temp_dir()  # the folder is chosen once
-        finally:
-            tempfile.tempdir = before
-
-
-_MAIN_LOCK = threading.Lock()
-
-
-@contextmanager
-def _main_not_imported() -> Iterator[None]:
-    """Keep a process that is started inside the block from importing the main module.
-
-    multiprocessing imports it in case it needs a function of it. The import takes time, and a
-    user's script without a main guard would run again.
-    """
-    with _MAIN_LOCK:
-        main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
-        try:
-            yield
-        finally:
-            sys.modules["__main__"] = main
-
-
 def _kill(processes: Iterable[psutil.Process]) -> None:
     for process in processes:
         with suppress(psutil.Error):
@@ -277,7 +244,7 @@ class LocalProcesses(Execution):
                     given = fit_input(task)
                     try:
                         running[RunningFit(work_of(task, given, self.limits))] = task, given
-                    except Exception as error:  # no process could be started
+                    except _NOT_STARTED as error:
                         reason = f"no process could be started: {describe_error(error)}"
                         outcome = FitOutcome(failure=reason, cause=type(error).__name__)
                         yield score(task, given, run_id, outcome)

@@ -1,4 +1,4 @@
-"""Show the progress of a run: bars on terminals and in notebooks, else lines.
+"""Show the progress of a run: bars on terminals, one changing line in notebooks, else lines.
 
 Bars and lines of a command go to standard error: only tables go to standard output.
 """
@@ -24,27 +24,9 @@ from stiff_protocols.contract.record import CellResult
 
 SHOWN_LOG_LINES = 6
 SECONDS_BETWEEN_LINES, SECONDS_BETWEEN_CELLS = 5.0, 1.0
-SECONDS_BEFORE_BARS, SECONDS_BETWEEN_BARS = 0.5, 0.2
-"""In a notebook: shorter work shows no bars; minimum time between two drawings."""
 
 
 class Display:
-    """Receive the progress of a run, and show nothing."""
-
-    def begin(self, n_cells: int, n_cached: int) -> None:
-        """Begin `n_cells` cells to compute; `n_cached` more are stored."""
-
-    def start(self, task: CellTask) -> None:
-        """Start a cell."""
-
-    def step(self, progress: Progress) -> None:
-        """Receive the progress of a cell."""
-
-    def end(self, result: CellResult) -> None:
-        """End a cell."""
-
-
-class RunDisplay(Display):
     """Show two bars: one for the cells, one for the phase of a cell.
 
     Without a terminal, lines show the same: one per cell and phase, and every few seconds between.
@@ -86,9 +68,9 @@ class RunDisplay(Display):
     def step(self, progress: Progress) -> None:
         """Move the second bar; a new phase restarts its clock."""
         loss = "" if progress.loss is None else f", loss {progress.loss:.3g}"
-        note, is_new = f"{progress.step}/{progress.total}{loss}", self._begun is None
-        if self._begun != (progress.phase, progress.total):
-            self._begun, is_new = (progress.phase, progress.total), True
+        note = f"{progress.step}/{progress.total}{loss}"
+        if is_new := self._begun != (progress.phase, progress.total):
+            self._begun = (progress.phase, progress.total)
             name = f"  {progress.phase}"
             self._bars.reset(self._phase, description=name, total=progress.total, visible=True)
         self._bars.update(self._phase, completed=progress.step, note=note)
@@ -123,55 +105,25 @@ class RunDisplay(Display):
             print(one_line(line), file=sys.stderr, flush=True)
 
 
-class NotebookDisplay(RunDisplay):
-    """Show the two bars as one output of a notebook's cell, which changes in place."""
+class NotebookDisplay(Display):
+    """Show the newest line as one output of a notebook's cell, which changes in place."""
 
-    def __init__(self, bars: Bars) -> None:
-        """Start the clock."""
-        super().__init__(bars)
-        self._is_live = True
-        self._started = time.monotonic()
-        self._last_drawn = self._started + SECONDS_BEFORE_BARS - SECONDS_BETWEEN_BARS
-        self._output: Any = None
+    _output: Any = None
 
-    def begin(self, n_cells: int, n_cached: int) -> None:
-        """Begin the cells."""
-        super().begin(n_cells, n_cached)
-        self._draw()
-
-    def start(self, task: CellTask) -> None:
-        """Name the cell."""
-        super().start(task)
-        self._draw()
-
-    def step(self, progress: Progress) -> None:
-        """Move the second bar."""
-        super().step(progress)
-        self._draw()
-
-    def end(self, result: CellResult) -> None:
-        """Move the first bar."""
-        super().end(result)
-        self._draw()
-
-    def close(self) -> None:
-        """Replace the bars with one line."""
+    def close(self, seconds: float) -> None:
+        """Replace the line with the counts, and the seconds that the work took."""
         if self._output is not None:
-            seconds = time.monotonic() - self._started
-            line = f"{self._counts or 'done'} in {seconds:.0f} s"
-            self._output.update({"text/plain": line}, raw=True)
+            self._show_line(f"{self._counts or 'done'} in {seconds:.0f} s")
 
-    def _draw(self) -> None:
-        now = time.monotonic()
-        if now - self._last_drawn < SECONDS_BETWEEN_BARS:
-            return
+    def _show_line(self, line: str) -> None:
         from IPython.display import display as show_output  # a notebook has it
 
-        self._last_drawn = now
+        self._last_line = time.monotonic()
+        content = {"text/plain": one_line(line)}
         if self._output is None:
-            self._output = show_output(self._bars, display_id=True)  # type: ignore[no-untyped-call]
+            self._output = show_output(content, raw=True, display_id=True)  # type: ignore[no-untyped-call]
         else:
-            self._output.update(self._bars)
+            self._output.update(content, raw=True)
 
     def _show(self, line: str) -> None:
         print(one_line(line), flush=True)
@@ -200,14 +152,14 @@ def display() -> Iterator[Display]:
         speed_estimate_period=math.inf,
     )
     if console.is_jupyter:  # rich's own live display needs ipywidgets there
-        notebook = NotebookDisplay(bars)
+        notebook, started = NotebookDisplay(bars), time.monotonic()
         try:
             with listening(notebook.step):
                 yield notebook
         finally:
-            notebook.close()
+            notebook.close(time.monotonic() - started)
         return
     with bars:
-        run_display = RunDisplay(bars)
+        run_display = Display(bars)
         with listening(run_display.step):
             yield run_display

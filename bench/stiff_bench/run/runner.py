@@ -12,15 +12,13 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 from stiff_bench.console import say
-from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.cells import CellTask, RunPlan
 from stiff_bench.plan.registry import OURS, Registry
-from stiff_bench.plan.request import RunPlan
 from stiff_bench.run.cell import REUSED_STATUSES, Execution, Rerun
-from stiff_bench.run.costs import peak_memory_bytes
 from stiff_bench.run.fit_process import Limits
 from stiff_bench.run.isolate import LocalProcesses
-from stiff_bench.run.progress import Display
-from stiff_bench.run.provenance import environment
+from stiff_bench.run.machine import environment, peak_memory_bytes
+from stiff_bench.run.progress import display
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -119,7 +117,6 @@ def run_cells(
     command: str,
     store: ResultStore,
     execution: Execution,
-    display: Display,
 ) -> Finished:
     """Compute the cells that have no result yet, store each as it ends, and return them all.
 
@@ -144,19 +141,23 @@ def run_cells(
             else:
                 results_by_key[task.cell.key] = _with_labels(stored, task)
                 cached.add(task.cell.key)
-                display.end(stored)
+                progress.end(stored)
 
-    display.begin(len(missing), len(cached))
     with _recorded_run(tasks, command, store, execution) as run_id:
-        sets = {task.cell.data_sha256: task.data for task in tasks}
-        sets |= {task.cell.source_sha256: task.source for task in tasks if task.source is not None}
-        for data in sets.values():
-            store.write_data(data)
-        with closing(execution.results(waiting(), run_id, display)) as ended_results:
-            for result in ended_results:
-                store.write_cells([result])
-                results_by_key[result.cell.key] = result
-                display.end(result)
+        if missing:
+            sets = {task.cell.data_sha256: task.data for task in tasks}
+            sets |= {
+                task.cell.source_sha256: task.source for task in tasks if task.source is not None
+            }
+            for data in sets.values():
+                store.write_data(data)
+            with display() as progress:
+                progress.begin(len(missing), len(cached))
+                with closing(execution.results(waiting(), run_id, progress)) as ended_results:
+                    for result in ended_results:
+                        store.write_cells([result])
+                        results_by_key[result.cell.key] = result
+                        progress.end(result)
     results = tuple(results_by_key[task.cell.key] for task in tasks)
     return Finished(results, frozenset(cached), time.perf_counter() - started)
 

@@ -3,43 +3,51 @@
 ::
 
     run      a row per run: command, environment, the keys of the requested cells (JSON)
-    data     a row a data set: its samples, joint torques and TCP positions (samples.py)
+    data     a row a data set: its samples and robot as one blob
     cell     a row a cell: what it is, which run computed it, its status and cost; predictions and
-             training curves as one blob (cell_rows.py)
+             training curves as one blob of little-endian float64, with names and shapes in `arrays`
 
-Each write is one transaction; of a cell there is one row. A failure does not replace a result: a
-cell has one key for all that shapes its numbers, so a rerun that timed out takes nothing away. Each
-row of a cell has the SHA-256 of its content, checked when it is read.
+Numbers are in SI units at full precision. What has no fixed shape is strict JSON. Each write is one
+transaction; of a cell there is one row. A failure does not replace a result: a cell has one key for
+all that shapes its numbers, so a rerun that timed out takes nothing away. Each row of a cell has
+the SHA-256 of its content, checked when it is read.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
+import json
 import lzma
+import math
 import os
 import shutil
 import sqlite3
 import zlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
 
+import numpy as np
 import orjson
 
-from stiff_bench.store.cell_rows import (
-    COLUMN_TYPES,
-    json_text,
-    marks,
-    read_row,
-    storable,
-    write_row,
-)
-from stiff_bench.store.samples import StoredData, data_content, stored_data
-from stiff_protocols.contract.errors import DataError, StoreError, warn
+from stiff_bench.store.samples import StoredData
+from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.files import make_folder, written_whole
-from stiff_protocols.contract.record import CellResult, RunManifest
-from stiff_protocols.contract.types import BenchmarkData
+from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation, RunManifest
+from stiff_protocols.contract.types import (
+    BOUND_NAMES,
+    TRUTH,
+    BenchmarkData,
+    FloatArray,
+    Interval,
+    Prediction,
+    Robot,
+    Samples,
+)
 
 FILE = "results.sqlite"
 PACKED = f"{FILE}.xz"
@@ -51,13 +59,36 @@ BUSY_S = 60.0
 SYNCHRONOUS = "FULL"
 """SQLite's word for: a transaction is on the disk before the next one begins."""
 
+_NAMES = ("model", "dataset", "protocol")
+"""In the file these are names with options; the columns `model_key` ... have only keys."""
+_OF_CELL = tuple(item.name for item in fields(Cell) if item.name not in _NAMES)
+_OF_RESULT = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
+_PRESENTATION_FIELDS = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
+_ABOUT = ("diagnostics", "warnings", "log", "chosen", "n_labels", "n_poses")
+_JSON = (*(f"{name}_params" for name in _NAMES), "shown", "about", "arrays")
+_KEYS = tuple(f"{name}_key" for name in _NAMES)
+_COLUMNS = ("key", *_NAMES, *_KEYS, *_OF_CELL, *_OF_RESULT, *Cost._fields, *_JSON[-3:], "numbers")
+
+_INTEGERS = ("split_index", "seed", "interval_version", "n_splits", "n_train")
+_REALS = ("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s")
+_COLUMN_TYPES = dict.fromkeys(_COLUMNS, "TEXT") | {
+    **dict.fromkeys((*_INTEGERS, "calibration_samples", "memory_bytes"), "INTEGER"),
+    **dict.fromkeys(_REALS, "REAL"),
+    "numbers": "BLOB",
+}
+"""Column of a cell -> SQLite's type, in the order of the table; its checksum follows."""
+
+_CURVE = "curve "
+"""How the names of the arrays of training curves begin."""
+_FLOAT = np.dtype("<f8")
+
 _RUN = tuple(item.name for item in fields(RunManifest))
 _RUN_JSON = ("environment", "cells", "machines")
 _SCHEMA = f"""
 CREATE TABLE run (run_id TEXT PRIMARY KEY, command TEXT, started TEXT, status TEXT,
     environment TEXT, cells TEXT, wall_s REAL, peak_memory_bytes INTEGER, machines TEXT);
 CREATE TABLE data (sha256 TEXT PRIMARY KEY, content BLOB, content_sha256 TEXT);
-CREATE TABLE cell ({", ".join(f"{name} {kind}" for name, kind in COLUMN_TYPES.items())},
+CREATE TABLE cell ({", ".join(f"{name} {kind}" for name, kind in _COLUMN_TYPES.items())},
     sha256 TEXT, PRIMARY KEY (key));
 PRAGMA user_version = {FORMAT};
 """
@@ -135,25 +166,7 @@ def has_results(folder: Path) -> bool:
                 shutil.copyfileobj(content, file)
         except (lzma.LZMAError, EOFError) as error:
             raise _corrupt(packed, str(error)) from error
-        with closing(sqlite3.connect(temporary)) as db:
-            db.execute(f"PRAGMA application_id = {_number_of(packed)}")
     return True
-
-
-def _number_of(packed: Path) -> int:
-    """Return a number of a packed file's content, which its unpacked file stores."""
-    return zlib.crc32(packed.read_bytes()) & 0x7FFFFFFF
-
-
-def _warn_of_other_packed_file(folder: Path, db: sqlite3.Connection) -> None:
-    """Warn if the packed file was replaced after the file was unpacked from it."""
-    packed = folder / PACKED
-    (number,) = db.execute("PRAGMA application_id").fetchone()
-    if number and packed.exists() and number != _number_of(packed):
-        warn(
-            f"{folder / FILE} was unpacked from an older {PACKED}: move it away to read the new "
-            "results, or combine both with `bench merge`"
-        )
 
 
 def why_no_results(folder: Path) -> str:
@@ -176,13 +189,11 @@ def read_results(folder: Path, keys: Collection[str] | None = None) -> list[Cell
     where = "" if keys is None else "WHERE key IN (SELECT value FROM json_each(?))"
     values = [] if keys is None else [orjson.dumps([*keys]).decode()]
     with reading(folder) as db:
-        if keys is None:  # a run asks for one key after another
-            _warn_of_other_packed_file(folder, db)
         rows = db.execute(f"SELECT * FROM cell {where} ORDER BY key", values).fetchall()
     results = []
     for row in rows:
         try:
-            results.append(read_row(row))
+            results.append(_read_row(row))
         except DataError as error:
             remedy = _rerun(folder, row[0])
             raise _corrupt(folder / FILE, f"cell {row[0]}: {error}", remedy) from error
@@ -304,9 +315,9 @@ def _execute_each(db: sqlite3.Connection, statements: str) -> None:
 def write_run(db: sqlite3.Connection, manifest: RunManifest) -> None:
     """Put a run's manifest into the file in the place of an older state of it."""
     run = {name: getattr(manifest, name) for name in _RUN}
-    run |= {name: json_text(run[name]) for name in _RUN_JSON}
-    row = [storable(value) if type(value) is str else value for value in run.values()]
-    db.execute(f"INSERT OR REPLACE INTO run ({', '.join(_RUN)}) VALUES {marks(row)}", row)
+    run |= {name: _json_text(run[name]) for name in _RUN_JSON}
+    row = [*run.values()]
+    db.execute(f"INSERT OR REPLACE INTO run ({', '.join(_RUN)}) VALUES {_marks(row)}", row)
 
 
 def _file_uri(path: Path) -> str:
@@ -342,7 +353,7 @@ def sqlite_errors_as_store_error(path: Path, what: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise StoreError(f"{path}: cannot be {what}: {error.strerror or error}") from error
-    except (sqlite3.Error, UnicodeDecodeError) as error:
+    except (sqlite3.Error, UnicodeError) as error:
         if type(error) in (sqlite3.DatabaseError, UnicodeDecodeError) or "decode" in str(error):
             raise _corrupt(path, str(error)) from error
         busy = any(word in str(error) for word in ("locked", "locking", "disk I/O"))
@@ -352,3 +363,161 @@ def sqlite_errors_as_store_error(path: Path, what: str) -> Iterator[None]:
             "local disk"
         )
         raise StoreError(f"{path}: cannot be {what}: {error}{hint if busy else ''}") from error
+
+
+def _cell_row(result: CellResult) -> dict[str, Any]:
+    """Return column -> what is stored of a result."""
+    cell, arrays = result.cell, _arrays(result)
+    row: dict[str, Any] = {"key": cell.key}
+    row |= {name: getattr(result.presentation, name) for name in _NAMES}
+    row |= {f"{name}_key": getattr(cell, name) for name in _NAMES}
+    row |= {name: getattr(cell, name) for name in _OF_CELL}
+    row |= {name: getattr(result, name) for name in _OF_RESULT}
+    row |= {name: getattr(result.cost, name, None) for name in Cost._fields}
+    row["shown"] = {name: getattr(result.presentation, name) for name in _PRESENTATION_FIELDS}
+    row["about"] = {name: getattr(result, name) for name in _ABOUT}
+    # JSON has no infinity (a rigid joint) and no NaN (one that cannot be identified)
+    row["about"]["diagnostics"] = {
+        name: value if math.isfinite(value) else str(value)
+        for name, value in result.diagnostics.items()
+    }
+    row["arrays"] = {name: array.shape for name, array in arrays.items()}
+    row["numbers"] = b"".join(array.astype(_FLOAT).tobytes() for array in arrays.values())
+    row |= {name: _json_text(row[name]) for name in _JSON}
+    return {name: _as_stored(row[name], kind) for name, kind in _COLUMN_TYPES.items()}
+
+
+def _as_stored(value: Any, kind: str) -> Any:
+    """Return a value as it comes back from a column of this type."""
+    if value is None or kind == "BLOB":
+        return value
+    return {"TEXT": str, "REAL": float, "INTEGER": int}[kind](value)
+
+
+def _cell_result(row: Mapping[str, Any]) -> CellResult:
+    """Return the result that was stored as this row."""
+    row = {**row, **{name: orjson.loads(row[name]) for name in _JSON}}
+    about, labels, arrays = row["about"], row["shown"], _arrays_in(row["arrays"], row["numbers"])
+    about["diagnostics"] = {name: float(value) for name, value in about["diagnostics"].items()}
+    about |= {name: tuple(about[name]) for name in ("warnings", "log")}
+    labels["caveats"] = tuple(labels["caveats"])
+    cost = [row[name] for name in Cost._fields]
+    curves = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_CURVE)}
+    keys = {name: row[f"{name}_key"] for name in _NAMES}
+    return CellResult(
+        cell=Cell(**keys, **{name: row[name] for name in _OF_CELL}),
+        presentation=Presentation(**{name: row[name] for name in _NAMES}, **labels),
+        **{name: row[name] for name in _OF_RESULT},
+        **about,
+        prediction=_prediction(arrays, row["coverage"]) if arrays else None,
+        cost=None if cost[0] is None else Cost(*cost),
+        curves={name.removeprefix(_CURVE): curve for name, curve in curves.items()},
+    )
+
+
+def _arrays(result: CellResult) -> dict[str, FloatArray]:
+    """Return name -> array: of the prediction, (n,) row numbers and (n, 3) m each; the curves."""
+    arrays: dict[str, FloatArray] = {}
+    if (prediction := result.prediction) is not None:
+        arrays |= {"rows": prediction.rows.astype(_FLOAT), "predicted": prediction.predicted}
+        arrays |= {"measured": prediction.measured, **prediction.bound_deflections}
+        if prediction.reference is not None:
+            arrays["reference"] = prediction.reference
+        if prediction.interval is not None:  # its coverage is the cell's
+            arrays |= {"lower": prediction.interval.lower, "upper": prediction.interval.upper}
+    return arrays | {f"{_CURVE}{name}": curve for name, curve in result.curves.items()}
+
+
+def _arrays_in(shapes: Mapping[str, Sequence[int]], numbers: bytes) -> dict[str, FloatArray]:
+    arrays, start = {}, 0
+    for name, shape in shapes.items():
+        arrays[name] = np.ndarray(shape, _FLOAT, numbers, start)
+        start += arrays[name].nbytes
+    return arrays
+
+
+def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Prediction:
+    interval = None
+    if "lower" in arrays and coverage is not None:
+        interval = Interval(arrays["lower"], arrays["upper"], coverage)
+    return Prediction.of_stored(
+        rows=arrays["rows"].astype(np.int64),
+        predicted=arrays["predicted"],
+        measured=arrays["measured"],
+        interval=interval,
+        reference=arrays.get("reference"),
+        bound_deflections={name: arrays[name] for name in (*BOUND_NAMES, TRUTH) if name in arrays},
+    )
+
+
+def write_row(db: sqlite3.Connection, result: CellResult) -> None:
+    """Replace what is stored of a cell; a failure does not replace a result."""
+    row = _cell_row(result)
+    there = db.execute("SELECT status FROM cell WHERE key = ?", (row["key"],)).fetchone()
+    if there == ("ok",) and result.status != "ok":
+        return
+    values = [*row.values(), _checksum([*row.values()])]
+    db.execute(f"INSERT OR REPLACE INTO cell VALUES {_marks(values)}", values)
+
+
+def _read_row(values: Sequence[Any]) -> CellResult:
+    """Return the result in a row of the table `cell`.
+
+    Raises:
+        DataError: it is not what was stored.
+    """
+    *content, sha256 = values
+    try:
+        if _checksum(content) != sha256:
+            raise DataError("its checksum does not match its content")
+    except TypeError as error:  # bytes for a text
+        raise DataError(str(error)) from error
+    return _cell_result(dict(zip(_COLUMN_TYPES, content, strict=True)))
+
+
+def _checksum(values: Sequence[Any]) -> str:
+    """Return the SHA-256 of a cell's columns, of which the last are bytes."""
+    return hashlib.sha256(orjson.dumps(values[:-1]) + b"\0" + values[-1]).hexdigest()
+
+
+def _json_text(content: Any) -> str:
+    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def _marks(entries: Sequence[object]) -> str:
+    """Return "(?, ?)": a place in a statement for each entry."""
+    return f"({', '.join('?' * len(entries))})"
+
+
+_OF_ROBOT = "robot "
+"""How the names of the robot's fields begin in the archive."""
+_ROBOT_ARRAYS = tuple(item.name for item in fields(Robot) if item.name != "controller")
+"""Fields of a robot that results need."""
+
+
+def data_content(data: BenchmarkData) -> bytes:
+    """Return what is stored of a data set: a NumPy archive (`.npz`) of samples and robot."""
+    arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
+    arrays |= {f"{_OF_ROBOT}{name}": getattr(data.robot, name) for name in _ROBOT_ARRAYS}
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def stored_data(content: bytes) -> StoredData:
+    """Return the data set whose content this is.
+
+    Raises:
+        DataError: it is none.
+    """
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            samples = Samples(**{item.name: arrays[item.name] for item in fields(Samples)})
+            of_robot: dict[str, Any] = {
+                name: arrays[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS
+            }
+    except (ValueError, KeyError, EOFError, MemoryError, zlib.error, BadZipFile) as error:
+        raise DataError(str(error)) from error
+    of_robot["name"] = str(of_robot["name"])
+    of_robot |= {name: tuple(of_robot[name].tolist()) for name in ("joint_names", "joint_types")}
+    return StoredData(samples, Robot(**of_robot))

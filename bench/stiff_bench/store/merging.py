@@ -10,7 +10,6 @@ from typing import Annotated
 import numpy as np
 
 from stiff_bench.parameter_types import Folder, Form
-from stiff_bench.store.cell_rows import write_row
 from stiff_bench.store.database import (
     ResultStore,
     has_results,
@@ -18,6 +17,7 @@ from stiff_bench.store.database import (
     read_results,
     reading,
     why_no_results,
+    write_row,
     write_run,
     writing,
 )

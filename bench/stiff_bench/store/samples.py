@@ -1,23 +1,17 @@
 """The samples behind the results of a folder: what a comparison needs to say where models differ.
 
-Samples and robot are stored as a NumPy archive (`.npz`): so a folder of results can be judged
-without the data set's own files.
+A folder of results can so be judged without the data set's own files.
 """
 
 from __future__ import annotations
 
-import io
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
-from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import PATH_GROUP, BenchmarkData, FloatArray, Robot, Samples
+from stiff_protocols.contract.types import PATH_GROUP, FloatArray, Robot, Samples
 
 
 def load_torque(robot: Robot, samples: Samples) -> FloatArray:
@@ -82,37 +76,3 @@ def _place(point: FloatArray) -> str:
 
 def _samples_bytes(samples: Samples) -> bytes:
     return b"".join(np.asarray(getattr(samples, item.name)).tobytes() for item in fields(Samples))
-
-
-_OF_ROBOT = "robot "
-"""How the names of the robot's fields begin in the archive."""
-_ROBOT_ARRAYS = tuple(item.name for item in fields(Robot) if item.name != "controller")
-"""Fields of a robot that results need."""
-
-
-def data_content(data: BenchmarkData) -> bytes:
-    """Return what is stored of a data set."""
-    arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
-    arrays |= {f"{_OF_ROBOT}{name}": getattr(data.robot, name) for name in _ROBOT_ARRAYS}
-    file = io.BytesIO()
-    np.savez_compressed(file, **arrays)
-    return file.getvalue()
-
-
-def stored_data(content: bytes) -> StoredData:
-    """Return the data set whose content this is.
-
-    Raises:
-        DataError: it is none.
-    """
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            samples = Samples(**{item.name: arrays[item.name] for item in fields(Samples)})
-            of_robot: dict[str, Any] = {
-                name: arrays[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS
-            }
-    except (ValueError, KeyError, EOFError, MemoryError, zlib.error, BadZipFile) as error:
-        raise DataError(str(error)) from error
-    of_robot["name"] = str(of_robot["name"])
-    of_robot |= {name: tuple(of_robot[name].tolist()) for name in ("joint_names", "joint_types")}
-    return StoredData(samples, Robot(**of_robot))

@@ -25,7 +25,6 @@ from stiff_bench.paper.study_file import Study, find_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.run.machine import prepare
-from stiff_bench.run.progress import display
 from stiff_bench.run.runner import chosen_execution, run_cells
 from stiff_bench.store.database import FILE, ResultStore, read_results
 from stiff_bench.submissions.published_results import Place, place_of
@@ -170,8 +169,7 @@ def main(file: Path) -> None:
         timeout=request.timeout_s,
         memory=request.memory_bytes,
     )
-    with display() as progress:
-        run_cells(tasks, "bench verify", ResultStore(request.output), execution, progress)
+    run_cells(tasks, "bench verify", ResultStore(request.output), execution)
 
 
 if __name__ == "__main__":

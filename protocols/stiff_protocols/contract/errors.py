@@ -66,11 +66,8 @@ def warn(finding: str, stacklevel: int = 2) -> None:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an error's type and message, even if a third-party class fails to give it."""
-    try:
-        return f"{type(error).__name__}: {error}"
-    except Exception:
-        return f"{type(error).__name__}, whose message cannot be read"
+    """Return an error's type and message."""
+    return f"{type(error).__name__}: {error}"
 
 
 def unsupported_extension(path: PurePath, valid: Iterable[str], argument: str = "") -> ConfigError:

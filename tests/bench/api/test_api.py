@@ -14,9 +14,9 @@ import pytest
 from sklearn.base import BaseEstimator
 
 import stiffbench as sb
-from stiff_bench.api import registered
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.paper.paper_figures import FIGURES as PAPERS
+from stiff_bench.plan.registry import registry
 from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -315,22 +315,12 @@ def test_classes_of_a_script_run_but_are_never_kept(twin, tmp_path):
 
 
 @pytest.mark.slow
-def test_several_jobs_work_in_a_script_without_a_main_guard(tmp_path):
-    text = (
-        "print('begun')\n"
-        "import stiffbench as sb\n"
-        "results = sb.evaluate(['vjm', 'knn'], splits=2, jobs=2)\n"
-        "print({fit.status for fit in results.fits}, len(results.fits))\n"
-    )
-    assert script(tmp_path, text) == ["begun", "{'ok'} 4"]
-
-
 def test_a_plugins_file_is_named_after_use_plugin(plugin_file, twin):
-    registered.registry.cache_clear()
+    registry.cache_clear()
     sb.use_plugin(plugin_file("still"))
     assert sb.make_model("still").fit(twin).predict(np.zeros((2, 6)), np.zeros((2, 6))).any()
     assert "still" in set(sb.list_models().frame()["key"])
-    registered.registry.cache_clear()
+    registry.cache_clear()
 
 
 def test_every_figure_is_listed_with_what_it_shows():

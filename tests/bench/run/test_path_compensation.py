@@ -14,7 +14,6 @@ from stiff_bench.results.metric_tables import metric_tables
 from stiff_bench.results.notes import same_name_other_data
 from stiff_bench.run.cell import Execution, fit_input
 from stiff_bench.run.fit import fit_and_predict
-from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_protocols.contract.record import PATH_ERROR
@@ -53,7 +52,7 @@ def tasks():
 def stored(tasks, tmp_path_factory):
     folder = tmp_path_factory.mktemp("paths")
     every = [*tasks, *listed(("vjm", "zero"), ("holdout",))]
-    done = run_cells(every, "bench run", ResultStore(folder), Execution(), Display())
+    done = run_cells(every, "bench run", ResultStore(folder), Execution())
     return folder, done.results
 
 

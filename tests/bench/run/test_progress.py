@@ -5,12 +5,10 @@ from __future__ import annotations
 import io
 from types import SimpleNamespace
 
-import pytest
 from rich.console import Console
 from rich.progress import Progress as Bars
 
-from stiff_bench.run import progress
-from stiff_bench.run.progress import NotebookDisplay, RunDisplay
+from stiff_bench.run.progress import Display, NotebookDisplay
 from stiff_protocols.contract.progress import Progress
 
 
@@ -22,7 +20,7 @@ def cell(model):
 
 
 def test_off_a_terminal_lines_name_cells_phases_and_what_became_of_them(capsys):
-    display = RunDisplay(Bars(console=Console(file=io.StringIO(), force_terminal=False)))
+    display = Display(Bars(console=Console(file=io.StringIO(), force_terminal=False)))
     display.begin(2, 2)
     display.start(cell("quick"))
     display.step(Progress("training", 1, 2, 0.5))
@@ -42,57 +40,28 @@ class Output:
     def __init__(self):
         self.displays = []
 
-    def __call__(self, thing, display_id=None):
-        assert display_id and not self.displays  # one output, which changes
-        self.update(thing)
+    def __call__(self, content, raw, display_id):
+        assert raw and display_id and not self.displays  # one output, which changes
+        self.update(content, raw)
         return self
 
-    def update(self, thing, raw=False):
-        self.displays.append(thing if raw else thing._repr_mimebundle_((), ()))
+    def update(self, content, raw):
+        self.displays.append(content["text/plain"])
 
 
-@pytest.fixture()
-def output(monkeypatch):
-    made = Output()
-    monkeypatch.setattr("IPython.display.display", made)
-    monkeypatch.setattr(progress, "SECONDS_BETWEEN_BARS", 0.0)
-    return made
-
-
-def notebook_display(delay, monkeypatch):
-    monkeypatch.setattr(progress, "SECONDS_BEFORE_BARS", delay)
-    return NotebookDisplay(Bars(console=Console(file=io.StringIO()), disable=True))
-
-
-def test_in_a_notebook_one_output_holds_the_bars_and_then_one_line(output, monkeypatch, capsys):
-    display = notebook_display(0.0, monkeypatch)
-    display.begin(2, 0)
-    display.start(cell("quick"))
-    display.step(Progress("training", 1, 2, 0.5))
-    bars = output.displays[-1]["text/html"]
-    assert "quick on data" in bars and "training" in bars and "━" in bars
-    display.end(cell("quick"))
-    display.close()
-    assert output.displays[-1]["text/plain"].startswith("1 ok in ")
-    assert "text/html" not in output.displays[-1]
-    assert not any(capsys.readouterr())
-
-
-def test_in_a_notebook_quick_work_shows_no_bars(output, monkeypatch):
-    display = notebook_display(60.0, monkeypatch)
-    display.begin(1, 0)
-    display.start(cell("quick"))
-    display.end(cell("quick"))
-    display.close()
-    assert output.displays == []
-
-
-def test_a_failure_stays_in_a_notebook_with_its_reason(output, monkeypatch, capsys):
-    display = notebook_display(0.0, monkeypatch)
+def test_in_a_notebook_one_output_has_the_newest_line_and_failures_stay(monkeypatch, capsys):
+    output = Output()
+    monkeypatch.setattr("IPython.display.display", output)
+    display = NotebookDisplay(Bars(console=Console(file=io.StringIO()), disable=True))
     display.begin(1, 0)
     display.start(cell("broken"))
+    display.step(Progress("training", 1, 2, 0.5))
     failed = {**vars(cell("broken")), "status": "failed", "failure": "why", "log": ()}
     display.end(SimpleNamespace(**failed))
-    display.close()
-    assert "broken: FAILED: why" in capsys.readouterr().out
-    assert output.displays[-1]["text/plain"].startswith("1 failed in ")
+    display.close(3.2)
+    assert output.displays == [
+        "[1/1] broken on data, holdout split 1/1",
+        "  training 1/2, loss 0.5",
+        "1 failed in 3 s",
+    ]
+    assert capsys.readouterr().out == "  broken: FAILED: why\n"

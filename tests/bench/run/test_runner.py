@@ -193,7 +193,7 @@ def test_a_model_whose_prediction_draws_gives_the_same_interval_however_often_it
             return super().predict(q, wrench)
 
     first = computed(task_of(Drawing, 0.8))
-    monkeypatch.setattr("stiff_bench.run.costs.MOST_SINGLE_PREDICTIONS", 3)
+    monkeypatch.setattr("stiff_bench.run.fit.MOST_SINGLE_PREDICTIONS", 3)
     again = computed(task_of(Drawing, 0.8))
     np.testing.assert_array_equal(first.prediction.interval.lower, again.prediction.interval.lower)
 

@@ -15,9 +15,8 @@ def test_table_3_is_fitted_on_the_spot(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def small(monkeypatch, tmp_path):
+def small(tmp_path):
     """Write the file of a quick study."""
-    monkeypatch.setattr("stiff_bench.analysis.forecast.LONGEST_S", 0.0)  # a plan times no fit
     file = tmp_path / "small.toml"
     file.write_text(
         'title = "small"\nmodels = ["vjm", "zero"]\ndatasets = ["fanuc-r2000ic"]\nsplits = 2\n'

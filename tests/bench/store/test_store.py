@@ -24,17 +24,19 @@ from stiff_bench.store.database import (
     FORMAT,
     PACKED,
     ResultStore,
+    data_content,
     mean_seconds,
     read_data,
     read_manifests,
     read_results,
+    stored_data,
     stored_statuses,
     writing,
 )
 from stiff_bench.store.names import Variant, without_options
-from stiff_bench.store.samples import data_content, stored_data, what_differs
+from stiff_bench.store.samples import what_differs
 from stiff_datasets.robots.shipped_robots import shipped_robot, shipped_robots
-from stiff_protocols.contract.errors import StiffBenchWarning, StoreError
+from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
 
@@ -187,16 +189,6 @@ def test_a_file_that_sqlite_cannot_read_is_named_with_what_to_do(tmp_path, rubbi
         read_results(tmp_path)
 
 
-def test_text_that_no_file_can_hold_is_stored_with_a_question_mark(tmp_path):
-    """A file's name on a command line may hold invalid bytes."""
-    store = ResultStore(tmp_path)
-    store.write_cells([failure(failure="M\xfcller \udcff.csv", log=("\udcfe",))])
-    store.write_manifest(replace(MANIFEST, command="\udcff", environment={"LC_x": "\udcfd"}))
-    assert (only(tmp_path).failure, only(tmp_path).log) == ("M\xfcller ?.csv", ("?",))
-    (run,) = read_manifests(tmp_path)
-    assert (run.command, run.environment) == ("?", {"LC_x": "?"})
-
-
 def test_a_write_that_fails_leaves_what_was_there_and_no_folder_is_made_in_a_file(tmp_path):
     store = ResultStore(tmp_path)
     store.write_cells([result()])
@@ -317,21 +309,6 @@ def test_packed_results_are_read_and_written_to_as_others(tmp_path):
     (tmp_path / FILE).unlink()
     MadeResults(tmp_path).add("knn", [0.3])
     assert len(read_results(tmp_path)) == len(before) + 1
-
-
-def test_a_packed_file_that_was_replaced_is_named_and_changes_nothing(tmp_path):
-    made = MadeResults(tmp_path)
-    made.add("vjm", [0.1])
-    file = packed(tmp_path)
-    older = file.read_bytes()
-    made.add("knn", [0.3])  # unpacks it
-    assert len(read_results(tmp_path)) == 2
-    newer = lzma.compress((tmp_path / FILE).read_bytes())
-    file.write_bytes(newer)
-    with pytest.warns(StiffBenchWarning, match=f"older {PACKED}"):
-        assert len(read_results(tmp_path)) == 2
-    file.write_bytes(older)
-    assert len(read_results(tmp_path)) == 2
 
 
 def test_a_damaged_packed_file_is_refused_and_leaves_no_file(tmp_path):

@@ -14,7 +14,6 @@ from helpers.command_line import assert_refused, bench_here
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import Execution
-from stiff_bench.run.progress import display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, read_results
 from stiff_bench.submissions import verification
@@ -87,8 +86,7 @@ def refitted_here(monkeypatch):
         registry.add_file(request.plugin)
         study = find_study(request.study)
         chosen = study_tasks(study, request.scope, request.model, registry, request.places)
-        with display() as progress:
-            run_cells(chosen, "", ResultStore(request.output), Execution(), progress)
+        run_cells(chosen, "", ResultStore(request.output), Execution())
         return read_results(request.output)
 
     monkeypatch.setattr(verification, "recompute", recompute)
