@@ -31,7 +31,7 @@ from stiff_datasets.twin.constants import (
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot
 
 # Ranges of the sizes. A: measured; B: read in a public repository; C: assumption.
 FRICTION_ARCMIN = {STRAIN_WAVE: (0.2, 0.6), CYCLOIDAL: (0.03, 0.3), SLIDE: (0.0, 0.0)}
@@ -133,7 +133,7 @@ class Effect:
         """Return the noise of the instruments."""
         return noise
 
-    def reading_errors(self, pose: FloatArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
+    def reading_errors(self, pose: IntArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
         """Return (n_rows, 3) errors of the readings [m]; `pose` (n_rows,) numbers the poses."""
         return np.zeros((n_rows, 3))
 
@@ -162,7 +162,7 @@ class Friction(Effect):
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
         ranges = np.array([FRICTION_ARCMIN[kind] for kind in constants.gear_kinds]) * ARCMIN
-        return cls(rng.uniform(*ranges.T), constants.rated_torques)
+        return cls(np.asarray(rng.uniform(*ranges.T)), constants.rated_torques)
 
     def law(self, law: GearLaw) -> GearLaw:
         """Add plays to the torsion of the gears."""
@@ -539,11 +539,12 @@ class HeavyTails(Effect):
 class Outliers(Effect):
     """A few readings are wrong by a fixed length in a random direction."""
 
-    def reading_errors(self, pose: FloatArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
+    def reading_errors(self, pose: IntArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
         """Draw the wrong readings."""
         is_wrong = rng.random((n_rows, 1)) < OUTLIER_SHARE
         vectors = rng.normal(size=(n_rows, 3))
-        return is_wrong * OUTLIER_M * vectors / np.linalg.norm(vectors, axis=1)[:, None]
+        lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+        return np.asarray(is_wrong * OUTLIER_M * vectors / lengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -560,7 +561,7 @@ class Seating(Effect):
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
         return cls(SEATING_M * np.cbrt(constants.payload_kg / SEATING_PAYLOAD_KG))
 
-    def reading_errors(self, pose: FloatArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
+    def reading_errors(self, pose: IntArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
         """Draw one error per pose."""
         names, place = np.unique(pose, return_inverse=True)
         return np.asarray(self.size * rng.normal(size=(len(names), 3))[place])
@@ -570,7 +571,7 @@ class Seating(Effect):
 class Drift(Effect):
     """Readings drift over the measurement: half as a line, half in steps, in one direction."""
 
-    def reading_errors(self, pose: FloatArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
+    def reading_errors(self, pose: IntArray, n_rows: int, rng: np.random.Generator) -> FloatArray:
         """Draw direction and times of the steps."""
         time = np.arange(n_rows) / max(n_rows - 1, 1)
         steps = (time[:, None] >= rng.random(DRIFT_STEPS)).mean(axis=1)
