@@ -65,6 +65,7 @@ from stiff_datasets.planning.reachable import CLEARANCE
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robots
 from stiff_datasets.robots.urdf_reader import LONGEST_TCP_M, ChainModel, read_chain
 from stiff_datasets.twin.beams import Beams, Tube
+from stiff_datasets.twin.gear_law import LOST_MOTION_SHARE, GearLaw
 from stiff_datasets.twin.spring_law import (
     SOFTEST,
     STIFFEST,
@@ -76,7 +77,7 @@ from stiff_datasets.twin.spring_law import (
 )
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.files import read_toml
-from stiff_protocols.contract.types import Robot
+from stiff_protocols.contract.types import FloatArray, Robot
 
 LAST_SPECIMEN = 9
 SpecimenNumber = Annotated[int, Ge(0), Le(LAST_SPECIMEN)]
@@ -96,6 +97,10 @@ REVOLUTE, PRISMATIC = "revolute", "prismatic"
 SOFTEST_DRIVE, STIFFEST_DRIVE = 1e4, 1e12  # N/m
 
 ARCMIN = np.pi / 180.0 / 60.0  # rad
+STRAIN_WAVE, CYCLOIDAL, SLIDE = "strain wave", "RV", "slide"
+"""Kinds of gears; a slide has none."""
+GEAR_LOST_MOTION_ARCMIN = (0.1, 0.4)
+"""Range of an RV gear's lost motion without memory (KUKA KR300: 0.1 to 0.28, measured)."""
 MAX_LOST_MOTION = 60.0  # arcmin
 MIN_RATIO, MAX_RATIO = 1.0, 8.0
 """Range of tilting over axial stiffness in published identifications."""
@@ -307,6 +312,28 @@ class TwinConstants(TomlTable):
         """The elasticity of every joint, base to tip, SI units."""
         return tuple(joint.springs for joint in self.joint)
 
+    @property
+    def gear_kinds(self) -> tuple[str, ...]:
+        """Kind of every joint's gear: a size is a strain-wave gear, a table an RV gear."""
+        return tuple(
+            SLIDE
+            if isinstance(joint, SlideTable)
+            else STRAIN_WAVE
+            if isinstance(joint.gear, int)
+            else CYCLOIDAL
+            for joint in self.joint
+        )
+
+    @property
+    def rated_torques(self) -> FloatArray:
+        """(n_joints,) rated torque of every gear, N m; 0 for a slide."""
+        return np.array(
+            [
+                joint.gear.rated_Nm if isinstance(joint, JointSprings) else 0.0
+                for joint in self.springs
+            ]
+        )
+
     def chain(self) -> ChainModel:
         """Read the rigid robot for the twin.
 
@@ -390,6 +417,34 @@ def specimen_springs(
             )
         )
     return tuple(specimen_joints)
+
+
+def specimen_law(constants: TwinConstants, specimen: int) -> GearLaw:
+    """Return the law of all elastic coordinates of one robot, with arrays (..., 3 n_joints, 1).
+
+    A strain-wave gear has three slopes. An RV gear has one, its last, and lost motion without
+    memory. Tilts and slides are linear.
+    """
+    springs = specimen_springs(constants, specimen)
+    rng = stream("lost motion", constants.name, specimen)
+    widths = rng.uniform(*GEAR_LOST_MOTION_ARCMIN, size=len(springs)) * ARCMIN
+    compliance, breakpoints = np.zeros((3, 3 * len(springs), 1)), np.ones((2, 3 * len(springs), 1))
+    breakpoints[1] = 2.0
+    lost_motion, torque = np.zeros((3 * len(springs), 1)), np.ones((3 * len(springs), 1))
+    for number, (joint, kind) in enumerate(zip(springs, constants.gear_kinds, strict=True)):
+        row = 3 * number
+        compliance[:, row + 1 : row + 3, 0] = 1.0 / np.array(joint.tilting)
+        if isinstance(joint, SlideSprings):
+            compliance[:, row, 0] = 1.0 / joint.drive
+            continue
+        slopes = np.array(joint.gear.slopes_Nm_per_rad)
+        if kind == CYCLOIDAL:
+            slopes = slopes[[-1, -1, -1]]
+            lost_motion[row], torque[row] = widths[number], LOST_MOTION_SHARE * joint.gear.rated_Nm
+        compliance[:, row, 0] = 1.0 / slopes + 1.0 / joint.structure
+        breakpoints[:, row, 0] = joint.gear.breakpoints_Nm
+    none = np.zeros((0, 1, 1))
+    return GearLaw(compliance, breakpoints, lost_motion, torque, none, none)
 
 
 def specimen_beams(

@@ -16,7 +16,7 @@ from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.poses import Poses, bent_wrist_poses, paper_poses
 from stiff_datasets.twin.constants import TwinConstants, shipped_constants
 from stiff_datasets.twin.robot_twin import POSES, MeasuringPlan, random_poses
-from stiff_datasets.twin.twin import TwinData
+from stiff_datasets.twin.twin_data import ADDED_LATER, TwinData
 from stiff_datasets.twin.twin_effects import ALL_EFFECTS
 from stiff_protocols.contract.types import BenchmarkData, Robot
 
@@ -96,7 +96,7 @@ class Kr10Twin(PaperTwin):
     calibration: CalibrationNumber = 1
     plan: MeasuringPlan = "narrow"
 
-    added_later = ("physics", "calibration", "plan")
+    added_later = (*ADDED_LATER, "calibration", "plan")
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
@@ -150,7 +150,7 @@ class Kr10TwinOmni(TwinData):
 
     calibration: CalibrationNumber = 1
 
-    added_later = ("physics", "calibration")
+    added_later = (*ADDED_LATER, "calibration")
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""

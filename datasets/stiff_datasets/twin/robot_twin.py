@@ -14,7 +14,7 @@ from stiff_datasets.planning.loads import LoadKind, stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.constants import TwinConstants, read_constants, shipped_constants
-from stiff_datasets.twin.twin import TwinData
+from stiff_datasets.twin.twin_data import ADDED_LATER, TwinData
 from stiff_datasets.twin.twin_effects import ALL_EFFECTS, NO_EFFECTS
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BenchmarkData
@@ -67,7 +67,7 @@ class HookTwin(TwinData):
 
     plan: MeasuringPlan = "wide"
 
-    added_later = ("physics", "plan")
+    added_later = (*ADDED_LATER, "plan")
 
     def planned(self, constants: TwinConstants, max_load_share: float = 1.0) -> BenchmarkData:
         """Simulate the measurement, with loads up to `max_load_share` times the payload."""

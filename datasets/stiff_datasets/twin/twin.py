@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from annotated_types import Ge
 
 from stiff_datasets.planning.loads import (
     LoadKind,
@@ -24,7 +23,6 @@ from stiff_datasets.planning.poses import Poses
 from stiff_datasets.twin.beams import Beams
 from stiff_datasets.twin.constants import (
     Noise,
-    SpecimenNumber,
     TwinConstants,
     TwinPhysics,
     specimen_beams,
@@ -36,9 +34,7 @@ from stiff_datasets.twin.twin_effects import (
     HYSTERESIS,
     KINEMATICS,
     LINKS,
-    NO_EFFECTS,
     Instruments,
-    parse_effects,
     real_robot,
 )
 from stiff_protocols.contract.errors import DataError
@@ -60,7 +56,8 @@ class TwinExperiment:
         physics: "rigid": no bearing tilts, and the links bend; all random numbers are the same.
         effects: effects in addition to the default twin, see `twin_effects.py`.
         max_load_share: largest pull at a hook, relative to the payload.
-        twin: the robot.
+        robot: the real robot.
+        twin: its elasticity.
 
     Raises:
         DataError: the links have to bend, and `constants` have no beams.
@@ -92,6 +89,7 @@ class TwinExperiment:
                 for joint in springs
             ]
         must_bend = LINKS in self.effects or is_rigid
+        self.robot = robot
         self.twin = DigitalTwin(
             robot,
             springs,
@@ -144,7 +142,7 @@ class TwinExperiment:
         """Return (n, n_joints) logged joint positions [rad or m], one row per load."""
         angle = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
         length = (poses.q * 1000.0).round(DECIMALS_DEG) / 1000.0
-        logged = np.where(self.twin.robot.turns, angle, length)
+        logged = np.where(self.robot.turns, angle, length)
         return np.repeat(logged, self.loads_per_pose, axis=0)
 
     def wrenches(self, q: FloatArray, *, block: int = 0) -> FloatArray:
@@ -156,7 +154,7 @@ class TwinExperiment:
             force = self.max_load_share * line_wrenches(len(q), payload, rng)[:, :3]
         else:
             force = omni_forces(len(q), payload, rng, self.max_load_share)
-        lever = self.twin.robot.forward(q).rotation @ np.array(self.constants.hook_m)
+        lever = self.robot.forward(q).rotation @ np.array(self.constants.hook_m)
         return hook_wrenches(force, lever)
 
     def recorded(
@@ -194,48 +192,6 @@ def recorded_deflection(
         readings = noise.tracker_m * rng.standard_t(noise.tail, size=size)
     measured_mm = (deflection + readings[0] - readings[1]) * 1000.0
     return np.asarray(measured_mm.round(DECIMALS_MM) / 1000.0)
-
-
-@dataclass(kw_only=True, eq=False)
-class TwinData:
-    """A twin's data set; each specimen and seed gives another.
-
-    Attributes:
-        specimen: one of ten robots of the type; 0 has the nominal constants.
-        seed: draws loads, noise and poses that are not planned; the robot itself does not depend
-            on it.
-        physics: "tilting": bearings tilt as given in the twin's file, and links bend if `effects`
-            names them; "rigid": no bearing tilts, and the links bend. Poses, loads and noise are
-            the same.
-        effects: hysteresis, links, kinematics and sensor, separated by commas, or "none"; each is
-            described in `twin_effects.py`.
-    """
-
-    specimen: SpecimenNumber = 0
-    seed: Annotated[int, Ge(0)] = 0
-    physics: TwinPhysics = "tilting"
-
-    effects = NO_EFFECTS
-    added_later: ClassVar[tuple[str, ...]] = ("physics",)
-
-    def __post_init__(self) -> None:
-        """Raise a ConfigError for an unknown effect."""
-        parse_effects(self.effects)
-
-    def measured(self, constants: TwinConstants, poses: Poses, **options: Any) -> BenchmarkData:
-        """Return the samples of this specimen and seed at the poses, pose by pose.
-
-        `options` are further arguments of `TwinExperiment`.
-        """
-        experiment = TwinExperiment(
-            constants,
-            specimen=self.specimen,
-            seed=self.seed,
-            physics=self.physics,
-            effects=parse_effects(self.effects),
-            **options,
-        )
-        return experiment.measured(poses)
 
 
 TOLERANCE_NM = 1e-10

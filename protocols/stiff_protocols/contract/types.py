@@ -34,6 +34,10 @@ BOUND_NAMES = {"oracle": "oracle", "noise": "instrument noise", "uncorrected": "
 robot's own physics from the recorded joint angles and wrenches. Noise: deflection before the
 tracker's noise. Uncorrected: a path's whole error."""
 
+TRUTH = "truth"
+"""Key of the deflection of the true robot at the description's TCP, under the wrench that a row
+writes, without rig and noise. Metrics `true-norm` and `true-p95` compare with it."""
+
 PATH_GROUP = "tool path"
 """Group of the samples that a protocol adds for a simulated robot: points of tool paths, which are
 never used for training."""
@@ -226,7 +230,8 @@ class Prediction(BriefFields):
         interval: intervals of the same rows; None if not requested.
         reference: (n, 3) m, base frame, prediction of the reference model (the VJM) with the same
             training rows; None if not available.
-        bound_deflections: name of `BOUND_NAMES` -> (n, 3) m, base frame, for simulated data.
+        bound_deflections: name of `BOUND_NAMES`, or `TRUTH` -> (n, 3) m, base frame, for
+            simulated data.
     """
 
     rows: IntArray
@@ -263,7 +268,8 @@ class BenchmarkData(ShownObject):
         samples: samples of a robot.
         robot: robot as given to the models.
         bound_deflections: (n, 3) deflections [m] that only a simulation knows, a row per sample,
-            for comparison with a model's errors: see `BOUND_NAMES`. Models never get them, and the
+            for comparison with a model's errors: see `BOUND_NAMES` and `TRUTH`. Models never get
+            them, and the
             hash excludes them.
         under_load: true deflection of the measured robot at new poses and loads, without noise, in
             the order of the motion; None if the robot cannot be measured again. It can be pickled.

@@ -22,7 +22,7 @@ import numpy as np
 
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, Prediction
+from stiff_protocols.contract.types import AXES, TRUTH, BoolArray, FloatArray, Prediction
 
 WHOLE_VECTOR = ("",)
 """The axes of a metric with a single value."""
@@ -142,6 +142,18 @@ def _skill(prediction: Prediction) -> FloatArray | None:
     return np.asarray(1.0 - norm_errors(prediction).mean() / reference) if reference > 0.0 else None
 
 
+def _true_lengths(reduced: Callable[..., Any]) -> Callable[[Prediction], FloatArray | None]:
+    """Return a function that reduces the lengths of the errors against the truth, m."""
+
+    def of_prediction(prediction: Prediction) -> FloatArray | None:
+        truth = prediction.bound_deflections.get(TRUTH)
+        return (
+            None if truth is None else np.asarray(reduced(_lengths(prediction.predicted - truth)))
+        )
+
+    return of_prediction
+
+
 def _inside(prediction: Prediction) -> BoolArray:
     """Return (n, 3) true for deflections in their intervals, bounds included."""
     interval, measured = prediction.interval, prediction.measured
@@ -187,6 +199,20 @@ METRICS = {
             "norm-p95", "3-D error P95", "m", "95th percentile of the 3-D error", _of_norm(_P95)
         ),
         _single_value("norm-max", "3-D error max", "m", "largest 3-D error", _of_norm(np.max)),
+        _single_value(
+            "true-norm",
+            "true error",
+            "m",
+            "mean 3-D error against the true robot's deflection (worlds of simulated robots)",
+            _true_lengths(np.mean),
+        ),
+        _single_value(
+            "true-p95",
+            "true error P95",
+            "m",
+            "95th percentile of the 3-D error against the true robot's deflection",
+            _true_lengths(_P95),
+        ),
         _single_value(
             "relative",
             "relative",
