@@ -251,6 +251,8 @@ of three pairs of recordings; the residuals (rms) are those on the third recordi
 {kr300}
 
 A line is about as good as every other law.
+
+How soft the simulated robots are under small loads, in each world: [softness.md](softness.md).
 """
 
 

@@ -57,9 +57,9 @@ def _bound_result(result: CellResult, name: str) -> CellResult | None:
     bounds = {row: stored.bound_deflections.get(key) for key, row in BOUND_NAMES.items()}
     if (predicted := ({REFERENCE_MODEL: stored.reference} | bounds)[name]) is None:
         return None
-    known = {key: of for key, of in stored.bound_deflections.items() if key == TRUTH}
+    truths = {key: of for key, of in stored.bound_deflections.items() if key == TRUTH}
     prediction = Prediction(
-        stored.rows, predicted, stored.measured, None, stored.reference, bound_deflections=known
+        stored.rows, predicted, stored.measured, None, stored.reference, bound_deflections=truths
     )
     presentation = replace(
         result.presentation, model=name, regime="", source="", picked_on_test=False

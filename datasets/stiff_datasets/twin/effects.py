@@ -111,9 +111,9 @@ class Effect:
     # the measurement
 
     def real_wrench(self, wrench: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Return the (n, 6) wrench at the TCP that the file describes as `wrench`.
+        """Return the (n, 6) real wrench at the TCP of a `wrench` in the file.
 
-        `rotation` (n, 3, 3) is that of the last joint's frame.
+        `rotation` (n, 3, 3) turns from the last joint's frame.
         """
         return wrench
 
@@ -393,7 +393,7 @@ class AngleStiffness(Effect):
 
 @dataclass(frozen=True, eq=False)
 class BearingPlay(Effect):
-    """Bearings have play: a tilt has width / 2 tanh(tau / tau_0) beside its spring.
+    """Bearings have play: a tilt has width / 2 tanh(tau / tau_0) in addition to its spring.
 
     Attributes:
         width: (n_joints, 2) full width about both cross axes, rad.
@@ -443,7 +443,7 @@ class LinkMasses(Effect):
 
 @dataclass(frozen=True, eq=False)
 class ForcePoint(Effect):
-    """The force acts beside the TCP: the moment there has d x F more than the file says.
+    """The force acts at another point than the TCP: the moment at the TCP has d x F more.
 
     Attributes:
         offset: (3,) d, frame of the last joint, m.
@@ -509,7 +509,7 @@ class TrackerFrame(Effect):
 
 @dataclass(frozen=True, eq=False)
 class TrackedPoint(Effect):
-    """The tracker measures a point beside the TCP, which moves as the tool turns.
+    """The tracker measures another point than the TCP, which moves as the tool turns.
 
     Attributes:
         offset: (3,) frame of the last joint, m.
@@ -549,7 +549,7 @@ class Outliers(Effect):
 
 @dataclass(frozen=True, eq=False)
 class Seating(Effect):
-    """The reflector sits anew at every pose, with an error that grows with the robot.
+    """The reflector is placed again at every pose, with an error that grows with the robot.
 
     Attributes:
         size: standard deviation of one axis, m.
@@ -594,4 +594,4 @@ WORLDS: dict[World, tuple[type[Effect], ...]] = {
     "workshop": WORKSHOP,
     "all": (*FRICTION, *STRUCTURE, *WORKSHOP),
 }
-"""Effects of each world, beside the gears' curves, tilting bearings and the instruments' noise."""
+"""Effects of each world, in addition to the gears' curves, tilting bearings and noise."""

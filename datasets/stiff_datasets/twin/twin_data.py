@@ -49,7 +49,7 @@ class TwinData:
     added_later: ClassVar[tuple[str, ...]] = ADDED_LATER
 
     def __post_init__(self) -> None:
-        """Raise a ConfigError for an unknown effect, or for one beside a world."""
+        """Raise a ConfigError for an unknown effect, or for `physics` together with a world."""
         parse_effects(self.effects)
         if self.world != "none" and self.physics != "tilting":
             raise ConfigError(f"physics={self.physics} does not go with world={self.world}")

@@ -27,7 +27,7 @@ TOLERANCE_NM = 1e-10
 MAX_ITERATIONS = 200
 
 
-class Rest(NamedTuple):
+class RestState(NamedTuple):
     """An equilibrium of springs, load and weight.
 
     Attributes:
@@ -99,7 +99,7 @@ class WorldTwin:
         wrench: FloatArray,
         plays: FloatArray | None = None,
         direction: FloatArray | None = None,
-    ) -> Rest:
+    ) -> RestState:
         """Return the equilibrium at (n_joints, n) q under (6, n) wrench.
 
         It follows from the plays before the load, or from a motion that ended in `direction`
@@ -125,7 +125,7 @@ class WorldTwin:
             torque, tcp = chain.statics(q, theta, wrench)
             change = np.abs(torque - previous).max(axis=0)
             if (change < TOLERANCE_NM).all():
-                return Rest(state, tcp, self._chains[1].statics(q, theta, wrench)[1])
+                return RestState(state, tcp, self._chains[1].statics(q, theta, wrench)[1])
         worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN counts as no equilibrium
         raise DataError(
             f"no elastic equilibrium at q = {np.rad2deg(q[:, worst]).round(3)} deg under the "
@@ -234,9 +234,9 @@ class WorldTwin:
         on_springs[::3] = torque.T
         law, none, turns = self._law, np.zeros_like(on_springs), []
         for sign in (1.0, -1.0):
-            rest = law.plays_after_motion(none, np.full_like(none, sign))
-            loaded = law.angle(on_springs, law.slipped(rest, on_springs))
-            turns.append(loaded - law.angle(none, rest))
+            rest_plays = law.plays_after_motion(none, np.full_like(none, sign))
+            loaded = law.angle(on_springs, law.slipped(rest_plays, on_springs))
+            turns.append(loaded - law.angle(none, rest_plays))
         return np.asarray(((turns[0] + turns[1]) / 2.0)[::3].T)
 
 

@@ -60,11 +60,11 @@ def motion(twin: WorldTwin, q: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     """Return the (n, 3) displacement of the TCP along wrenches, in order, at one pose."""
     columns, plays, rows = q[:, None], None, []
     for load in wrench:
-        rest = twin._settled(
+        rest_state = twin._settled(
             columns, load[:, None], plays, None if rows else np.ones((3 * len(q), 1))
         )
-        plays = rest.plays
-        rows.append(rest.tcp[:, 0])
+        plays = rest_state.plays
+        rows.append(rest_state.tcp[:, 0])
     return np.asarray(rows) + twin._structure(np.tile(q, (len(wrench), 1)), wrench)[:, :3]
 
 
@@ -75,9 +75,9 @@ def test_no_closed_cycle_of_force_makes_energy(world: str) -> None:
     q = random_poses(twin.constants, 1, 5).q[0]
     wrench = wrench_cycle(twin, rng, 60)
     wrench[:, 3:] = 0.0
-    both = np.vstack([wrench, wrench[1:]])
-    moved = motion(twin, q, both)[len(wrench) - 1 :]
-    force = both[len(wrench) - 1 :, :3]
+    twice = np.vstack([wrench, wrench[1:]])
+    moved = motion(twin, q, twice)[len(wrench) - 1 :]
+    force = twice[len(wrench) - 1 :, :3]
     mean_force = (force[1:] + force[:-1]) / 2.0
     work = float(np.sum(mean_force * np.diff(moved, axis=0)))
     scale = float(np.abs(force).max() * np.ptp(moved, axis=0).max())
@@ -113,10 +113,10 @@ def test_loads_of_a_pose_follow_each_other_and_return_to_the_state_that_they_lef
     twin = twin_of("friction", "ur5")
     q, wrench = loads(twin, 10)
     direction = np.random.default_rng(1).choice([-1.0, 1.0], q.shape)
-    one = twin.readings(q, wrench[:, None], direction)
+    single = twin.readings(q, wrench[:, None], direction)
     three = twin.readings(q, np.repeat(wrench[:, None], 3, axis=1), direction)
-    np.testing.assert_array_equal(three.tcp[:, 0], one.tcp[:, 0])
-    assert np.abs(one.remaining).max() > 1e-6  # the first load moves the plays
+    np.testing.assert_array_equal(three.tcp[:, 0], single.tcp[:, 0])
+    assert np.abs(single.remaining).max() > 1e-6  # the first load moves the plays
     assert np.abs(three.remaining[:, 1:]).max() < 1e-9  # the same load again does not
     cycled = twin.readings(q, wrench[:, None], direction, cycled=True)
     np.testing.assert_allclose(cycled.tcp[:, 0], three.tcp[:, 1], atol=1e-12)
