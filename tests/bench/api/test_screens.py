@@ -11,6 +11,7 @@ import pytest
 import stiffbench as sb
 from stiff_protocols.contract.errors import ConfigError
 
+pytestmark = pytest.mark.xdist_group("screens")  # they share objects of a minute
 HOSTILE = "<script>$x$\x1b[2J[red]"
 MOST_LINES, WIDTH = 28, 100
 WIDE = ("path", "simulation", "checks")

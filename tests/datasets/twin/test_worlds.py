@@ -73,7 +73,7 @@ def test_no_closed_cycle_of_force_makes_energy(world: str) -> None:
     twin = twin_of(world)
     rng = np.random.default_rng(3)
     q = random_poses(twin.constants, 1, 5).q[0]
-    wrench = wrench_cycle(twin, rng, 60)
+    wrench = wrench_cycle(twin, rng, 25)
     wrench[:, 3:] = 0.0
     twice = np.vstack([wrench, wrench[1:]])
     moved = motion(twin, q, twice)[len(wrench) - 1 :]
@@ -82,8 +82,8 @@ def test_no_closed_cycle_of_force_makes_energy(world: str) -> None:
     work = float(np.sum(mean_force * np.diff(moved, axis=0)))
     scale = float(np.abs(force).max() * np.ptp(moved, axis=0).max())
     has_friction = any(isinstance(effect, Friction) for effect in twin.effects)
-    assert work > -2e-4 * scale
-    assert (work > 1e-3 * scale) == has_friction
+    assert work > -5e-4 * scale
+    assert (work > 2e-3 * scale) == has_friction
 
 
 @pytest.mark.parametrize("world", ["clean", "structure"])

@@ -34,6 +34,8 @@ METRIC_VALUES: Mapping[str, Sequence[float]] = {
     "norm": [0.0002550438116119271],
     "norm-p95": [0.0003051393774577846],
     "norm-max": [0.000317330776141734],
+    "true-norm": [2.0 * 0.0002550438116119271],
+    "true-p95": [2.0 * 0.0003051393774577846],
     "relative": [0.2267622414772854],
     "removed": [1.0 - 0.2267622414772854],
     "skill": [0.3560456890154393],
@@ -89,6 +91,7 @@ def test_a_metric_of_fixed_predictions(key: str) -> None:
         measured=measured,
         interval=Interval(predicted - half, predicted + half, coverage=0.8),
         reference=measured + fixed_numbers(3e-4, 1.3),
+        bound_deflections={"truth": measured - fixed_numbers(2e-4, 0.9)},
     )
     cost = Cost(2.0, 0.25, 0.001, 4000.0, 2**20)
     assert key in METRIC_VALUES, f"a new metric: put its value here, {METRICS[key]}"
