@@ -32,8 +32,8 @@ from stiff_datasets.twin.constants import (
     shipped_constants,
     shipped_twins,
 )
-from stiff_datasets.twin.twin import TwinExperiment
-from stiff_datasets.twin.twin_effects import parse_effects
+from stiff_datasets.twin.twin_data import TwinData
+from stiff_datasets.twin.twin_effects import NO_EFFECTS
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
@@ -168,6 +168,9 @@ def simulate(
     seed: Seed = 0,
     effects: Annotated[str, Form("LIST")] = "none",
     physics: TwinPhysics = "tilting",
+    world: Literal["none", "clean", "friction", "structure", "workshop", "all"] = "none",
+    approach: Literal["random", "one-sided", "cycled"] = "random",
+    all_columns: bool = False,
 ) -> Text:
     """Write a simulated data set of any size.
 
@@ -183,24 +186,27 @@ def simulate(
         seed: seed of poses, loads and noise.
         effects: effects separated by commas: hysteresis, links, kinematics, sensor; or none.
         physics: tilting bearings as in the twin's file, or rigid bearings and links that bend.
+        world: effects of robot and measurement, in place of `effects` and `physics`.
+        approach: how a pose is reached in a world with friction.
+        all_columns: also write approach and the unloaded reading after each load; with a world.
 
     Raises:
         DataError: bending links need sections, which the twin's file does not have.
-        ConfigError: the twin or an effect is unknown, or the file's extension is not supported.
+        ConfigError: the twin or an effect is unknown, `effects` or `physics` is given with a world,
+            or the file's extension is not supported.
         StoreError: the file exists, or cannot be written.
     """
-    chosen_effects, start = parse_effects(effects), time.perf_counter()
-    experiment = TwinExperiment(
-        _constants(twin),
-        loads=loads,
-        specimen=specimen,
-        seed=seed,
-        loads_per_pose=loads_per_pose,
-        physics=physics,
-        effects=chosen_effects,
+    start = time.perf_counter()
+    if world != "none" and effects != NO_EFFECTS:
+        raise ConfigError(f"effects={effects} does not go with world={world}", "effects")
+    options = TwinData(
+        specimen=specimen, seed=seed, physics=physics, world=world, approach=approach
+    )
+    experiment = options.experiment(
+        _constants(twin), effects, loads=loads, loads_per_pose=loads_per_pose
     )
     with display():
-        simulation.simulate(Path(output), experiment, samples)
+        simulation.simulate(Path(output), experiment, samples, all_columns=all_columns)
     seconds = time.perf_counter() - start
     return Text(
         f"{output}: {samples} SIMULATED samples of {twin}, specimen {specimen}, in "

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from pandas import DataFrame
 
 from stiff_datasets.measured.sample_columns import SIMULATED_GROUP
 from stiff_datasets.measured.sheet_files import PARQUET, sample_table, write_table
@@ -13,10 +14,11 @@ from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.twin import TwinExperiment
-from stiff_protocols.contract.errors import unsupported_extension
+from stiff_datasets.twin.world_twin import WorldExperiment
+from stiff_protocols.contract.errors import ConfigError, unsupported_extension
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.progress import report
-from stiff_protocols.contract.types import Samples
+from stiff_protocols.contract.types import AXES, FloatArray
 
 BLOCK = 16_384
 """Largest number of samples per block; another size gives other data for a seed."""
@@ -26,7 +28,9 @@ RECORDED_DECIMALS = 6
 """Decimals of deg, N, N m and mm; records have fewer."""
 
 
-def simulate(path: Path, experiment: TwinExperiment, n_samples: int) -> None:
+def simulate(
+    path: Path, experiment: TwinExperiment, n_samples: int, *, all_columns: bool = False
+) -> None:
     """Write a twin's samples at random reachable poses, with the columns of `sample_columns.py`.
 
     Their group marks them as simulated, so that the file cannot be mistaken for a measurement.
@@ -37,22 +41,28 @@ def simulate(path: Path, experiment: TwinExperiment, n_samples: int) -> None:
         path: FILE.csv or FILE.parquet.
         experiment: its seed draws the poses, too.
         n_samples: number of samples.
+        all_columns: also write the direction from which each joint reached the pose, and the
+            reading of the unloaded robot after the load.
 
     Raises:
-        ConfigError: the file has another extension, or it is Parquet and pyarrow is not installed.
+        ConfigError: the file has another extension, or it is Parquet and pyarrow is not installed;
+            `all_columns` without a world.
         DataError: a load is too large for the twin.
         StoreError: the file exists, or cannot be written.
     """
     if path.suffix not in ENDINGS:
         raise unsupported_extension(path, ENDINGS)
     check_new_file(path)
-    robot = experiment.constants.robot()
-    parts = _blocks(experiment, n_samples)
-    write_table(path, (sample_table(part, robot).round(RECORDED_DECIMALS) for part in parts))
+    if all_columns and not isinstance(experiment, WorldExperiment):
+        raise ConfigError("requires a world (valid: --world friction)", "all-columns")
+    parts = _blocks(experiment, n_samples, all_columns=all_columns)
+    write_table(path, (part.round(RECORDED_DECIMALS) for part in parts))
 
 
-def _blocks(experiment: TwinExperiment, n_samples: int) -> Iterator[Samples]:
-    """Yield blocks of samples, each with other poses, loads and noise."""
+def _blocks(
+    experiment: TwinExperiment, n_samples: int, *, all_columns: bool
+) -> Iterator[DataFrame]:
+    """Yield tables of blocks of samples, each with other poses, loads and noise."""
     constants, robot, n_done = experiment.constants, experiment.constants.robot(), 0
     n_poses = max(1, BLOCK // experiment.loads_per_pose)
     for block in range(-(-n_samples // (n_poses * experiment.loads_per_pose))):
@@ -62,8 +72,15 @@ def _blocks(experiment: TwinExperiment, n_samples: int) -> Iterator[Samples]:
             pose_id=np.array([f"P{block * n_poses + i + 1}" for i in range(n_poses)]),
             group=np.full(n_poses, SIMULATED_GROUP),
         )
-        samples = experiment.samples(poses, block=block)
-        samples = samples.take(np.arange(min(len(samples), n_samples - n_done)))
-        yield samples
-        n_done += len(samples)
+        extra: dict[str, FloatArray] = {}
+        if all_columns and isinstance(experiment, WorldExperiment):
+            samples, _, after, direction = experiment.measurement(poses, block)
+            extra |= {f"approach_q{i}": sign for i, sign in enumerate(direction.T, start=1)}
+            extra |= {f"after_d{a}_mm": 1e3 * part for a, part in zip(AXES, after.T, strict=True)}
+        else:
+            samples = experiment.samples(poses, block=block)
+        n_rows = min(len(samples), n_samples - n_done)
+        table = sample_table(samples, robot).assign(**extra)
+        yield table.iloc[:n_rows]
+        n_done += n_rows
         report("simulate", n_done, n_samples)

@@ -59,13 +59,17 @@ class TwinData:
 
         `options` are further arguments of `TwinExperiment`.
         """
+        return self.experiment(constants, self.effects, **options).measured(poses)
+
+    def experiment(
+        self, constants: TwinConstants, effects: str = NO_EFFECTS, **options: Any
+    ) -> TwinExperiment:
+        """Return the experiment; `options` are further arguments of `TwinExperiment`.
+
+        `effects` are those of `twin_effects.py`; a world replaces them.
+        """
         options |= {"specimen": self.specimen, "seed": self.seed}
-        experiment: TwinExperiment
         if self.world != "none":
-            experiment = WorldExperiment(
-                constants, world=self.world, approach=self.approach, **options
-            )
-        else:
-            effects = parse_effects(self.effects)
-            experiment = TwinExperiment(constants, physics=self.physics, effects=effects, **options)
-        return experiment.measured(poses)
+            return WorldExperiment(constants, world=self.world, approach=self.approach, **options)
+        chosen_effects = parse_effects(effects)
+        return TwinExperiment(constants, physics=self.physics, effects=chosen_effects, **options)

@@ -240,6 +240,22 @@ class WorldTwin:
         return np.asarray(((turns[0] + turns[1]) / 2.0)[::3].T)
 
 
+class Measurement(NamedTuple):
+    """Samples, and what a file of samples does not have; rows as the samples.
+
+    Attributes:
+        samples: samples.
+        noiseless: (n, 3) readings without noise and errors, m.
+        after: (n, 3) readings of the unloaded robot after the load, minus those before it, m.
+        direction: (n, n_joints) signs of the motion that ended at the pose.
+    """
+
+    samples: Samples
+    noiseless: FloatArray
+    after: FloatArray
+    direction: FloatArray
+
+
 @dataclass(eq=False)
 class WorldExperiment(TwinExperiment):
     """The measurement of a robot in a world; other attributes as `TwinExperiment`.
@@ -263,7 +279,7 @@ class WorldExperiment(TwinExperiment):
 
     def samples(self, poses: Poses, *, block: int = 0) -> Samples:
         """Measure every load at each of the poses, as `TwinExperiment.samples`."""
-        return self._measured(poses, block)[0]
+        return self.measurement(poses, block).samples
 
     def measured(self, poses: Poses) -> BenchmarkData:
         """Return `samples` with the robot and what only the simulation knows: see `BOUND_NAMES`.
@@ -271,7 +287,7 @@ class WorldExperiment(TwinExperiment):
         The truth is for the wrench as each row writes it, at the TCP of the description.
         """
         twin = self.robot_in_world
-        samples, noiseless = self._measured(poses, 0)
+        samples, noiseless, *_ = self.measurement(poses)
         bounds = {
             TRUTH: twin.truth(samples.q, samples.wrench),
             "oracle": twin.oracle(samples.q, samples.wrench),
@@ -279,8 +295,8 @@ class WorldExperiment(TwinExperiment):
         }
         return BenchmarkData(samples, twin.description, bounds, twin.truth, twin.joint_turn)
 
-    def _measured(self, poses: Poses, block: int) -> tuple[Samples, FloatArray]:
-        """Return the samples, and the (n, 3) readings without noise and errors."""
+    def measurement(self, poses: Poses, block: int = 0) -> Measurement:
+        """Measure every load at each of the poses, pose by pose."""
         twin, n = self.robot_in_world, self.loads_per_pose
         q = self.logged_q(poses)
         wrench = self.wrenches(q, block=block)
@@ -314,4 +330,6 @@ class WorldExperiment(TwinExperiment):
             load_id=np.tile(np.arange(1, n + 1).astype(str), len(poses.q)),
             group=np.repeat(poses.group, n),
         )
-        return samples, noiseless
+        remaining = twin.tracked(readings.remaining.reshape(-1, 3))
+        after = recorded_deflection(remaining, noise, rng)
+        return Measurement(samples, noiseless, after, np.repeat(direction, n, axis=0))

@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_datasets.twin import simulate as module
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.simulate import simulate
 from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
+from stiff_datasets.twin.twin_data import TwinData
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 CONSTANTS = shipped_constants("kr10_r1100_2")
@@ -54,3 +57,20 @@ def test_an_unknown_ending_and_a_folder_that_is_not_there_are_refused(tmp_path):
         simulate(tmp_path / "s.xls", omni(), 10)
     with pytest.raises(StoreError, match=r"absent/s\.csv: cannot be written: the folder .*absent"):
         simulate(tmp_path / "absent" / "s.csv", omni(), 10)
+
+
+def test_all_columns_of_a_world_are_its_samples_with_approach_and_the_reading_after(tmp_path):
+    experiment = TwinData(world="friction").experiment(shipped_constants("ur5"), loads_per_pose=2)
+    simulate(tmp_path / "s.csv", experiment, 30)
+    simulate(tmp_path / "all.csv", experiment, 30, all_columns=True)
+    table, every = (pd.read_csv(tmp_path / name) for name in ("s.csv", "all.csv"))
+    pd.testing.assert_frame_equal(table, every[table.columns])
+    extra = every.drop(columns=[*table.columns])
+    assert [*extra] == [
+        *(f"approach_q{i}" for i in range(1, 7)),
+        *(f"after_d{a}_mm" for a in "xyz"),
+    ]
+    assert set(extra["approach_q2"]) == {-1.0, 1.0}
+    assert len(read_samples(tmp_path / "s.csv", shipped_robot("ur5", tcp=(0.0, 0.06, 0.08)))) == 30
+    with pytest.raises(ConfigError, match="world"):
+        simulate(tmp_path / "t.csv", omni(), 10, all_columns=True)
