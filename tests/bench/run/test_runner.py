@@ -74,9 +74,9 @@ def values(result, metric):
 def test_split_conformal_intervals_do_not_change_the_point_metrics(task_of):
     plain = computed(task_of(Scaled))
     assert plain.prediction.interval is None and len(FITS) == 1
-    others = {metric.key for metric in METRICS.values() if metric.needs_interval}
-    others |= {"true-norm", "true-p95"}  # the data are measured
-    assert {key for key in METRICS if values(plain, key)} == set(METRICS) - others
+    absent_metrics = {metric.key for metric in METRICS.values() if metric.needs_interval}
+    absent_metrics |= {"true-norm", "true-p95"}  # the data are measured
+    assert {key for key in METRICS if values(plain, key)} == set(METRICS) - absent_metrics
     result = computed(task_of(Scaled, 0.9))
     np.testing.assert_array_equal(result.prediction.predicted, plain.prediction.predicted)
     assert values(result, "mae") == values(plain, "mae")
