@@ -198,7 +198,7 @@ def simulate(
     """
     start = time.perf_counter()
     if world != "none" and effects != NO_EFFECTS:
-        raise ConfigError(f"effects={effects} does not go with world={world}", "effects")
+        raise ConfigError(f"{effects} does not go with world={world}", "effects")
     options = TwinData(
         specimen=specimen, seed=seed, physics=physics, world=world, approach=approach
     )

@@ -66,7 +66,7 @@ class TwinData:
     ) -> TwinExperiment:
         """Return the experiment; `options` are further arguments of `TwinExperiment`.
 
-        `effects` are those of `twin_effects.py`; a world replaces them.
+        `twin_effects.py` explains `effects`; a world replaces them.
         """
         options |= {"specimen": self.specimen, "seed": self.seed}
         if self.world != "none":
