@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import psutil
 import pytest
@@ -148,16 +149,16 @@ def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tm
 @pytest.mark.slow
 def test_processes_that_answer_to_nothing_end_with_the_run_that_is_killed(tmp_path):
     words = ["run", "--plugin", str(PLUGIN), "--model", "HoldsTheInterpreter", "--output", "out"]
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    with started(*words, cwd=tmp_path, env={**os.environ, "TMPDIR": str(temporary)}) as command:
-        wait_until(lambda: computing(command.pid))
-        family = psutil.Process(command.pid).children(recursive=True)
-        command.kill()
-        command.wait()
-        gone, alive = psutil.wait_procs(family, timeout=20)
-    assert len(gone) >= 3 and not alive
-    assert not list(temporary.glob("bench-*"))
+    with TemporaryDirectory() as temporary:  # short: names of sockets end at 107 characters
+        env = {**os.environ, "TMPDIR": temporary}
+        with started(*words, cwd=tmp_path, env=env) as command:
+            wait_until(lambda: computing(command.pid))
+            family = psutil.Process(command.pid).children(recursive=True)
+            command.kill()
+            command.wait()
+            gone, alive = psutil.wait_procs(family, timeout=20)
+        assert len(gone) >= 3 and not alive
+        assert not list(Path(temporary).glob("bench-*"))
 
 
 def computing(pid: int) -> bool:
