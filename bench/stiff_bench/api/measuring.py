@@ -32,8 +32,10 @@ from stiff_datasets.twin.constants import (
     shipped_constants,
     shipped_twins,
 )
+from stiff_datasets.twin.effects import World
 from stiff_datasets.twin.twin_data import TwinData
 from stiff_datasets.twin.twin_effects import NO_EFFECTS
+from stiff_datasets.twin.world_twin import Approach
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
@@ -168,8 +170,8 @@ def simulate(
     seed: Seed = 0,
     effects: Annotated[str, Form("LIST")] = "none",
     physics: TwinPhysics = "tilting",
-    world: Literal["none", "clean", "friction", "structure", "workshop", "all"] = "none",
-    approach: Literal["random", "one-sided", "cycled"] = "random",
+    world: Literal["none", World] = "none",
+    approach: Approach = "random",
     all_columns: bool = False,
 ) -> Text:
     """Write a simulated data set of any size.

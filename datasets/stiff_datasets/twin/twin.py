@@ -162,13 +162,17 @@ class TwinExperiment:
     ) -> Samples:
         """Record (n, 6) `wrench` and (n, 3) `deflection` [m] with the instruments."""
         rng, instruments = stream("noise", *self._key, block), self._instruments
+        sensed = recorded_wrench(instruments.sensor_wrench(wrench), instruments.noise, rng)
+        tracked = instruments.tracker_deflection(deflection)
+        return self.rows(poses, sensed, recorded_deflection(tracked, instruments.noise, rng))
+
+    def rows(self, poses: Poses, wrench: FloatArray, deflection: FloatArray) -> Samples:
+        """Return the samples of recorded (n, 6) `wrench` and (n, 3) `deflection` [m]."""
         loads = np.arange(1, self.loads_per_pose + 1).astype(str)
         return Samples(
             q=self.logged_q(poses),
-            wrench=recorded_wrench(instruments.sensor_wrench(wrench), instruments.noise, rng),
-            deflection=recorded_deflection(
-                instruments.tracker_deflection(deflection), instruments.noise, rng
-            ),
+            wrench=wrench,
+            deflection=deflection,
             pose_id=np.repeat(poses.pose_id, self.loads_per_pose),
             load_id=np.tile(loads, len(poses.q)),
             group=np.repeat(poses.group, self.loads_per_pose),
@@ -197,6 +201,18 @@ def recorded_deflection(
 TOLERANCE_NM = 1e-10
 """Largest change of a torque in the last step; rounding errors are about 1e-13 N m."""
 MAX_ITERATIONS = 100
+
+
+def no_equilibrium(change: FloatArray, q: FloatArray, wrench: FloatArray) -> DataError:
+    """Return an error that names the worst of (n, n_joints) q and (n, 6) wrench.
+
+    `change` (n,) is the last change of a torque, N m.
+    """
+    worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN counts as no equilibrium
+    return DataError(
+        f"no elastic equilibrium at q = {np.rad2deg(q[worst]).round(3)} deg under the "
+        f"wrench {wrench[worst].round(3)}: the load is too large for these springs"
+    )
 
 
 class Equilibrium(NamedTuple):
@@ -289,8 +305,4 @@ class DigitalTwin:
             change = np.abs(torque - previous_torque).max(axis=0)
             if (change < TOLERANCE_NM).all():
                 return Equilibrium(theta.T, torque.T, tcp.T)
-        worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN counts as no equilibrium
-        raise DataError(
-            f"no elastic equilibrium at q = {np.rad2deg(q[worst]).round(3)} deg under the "
-            f"wrench {wrench[worst].round(3)}: the load is too large for these springs"
-        )
+        raise no_equilibrium(change, q, wrench)

@@ -26,6 +26,7 @@ import pinocchio as pin
 
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.twin.constants import Errors, Noise, TwinConstants
+from stiff_datasets.twin.effects import direction
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -61,12 +62,6 @@ def real_robot(robot: Robot, errors: Errors, rng: np.random.Generator) -> Robot:
         masses[joint] *= 1.0 + errors.mass * rng.choice([-1.0, 1.0])
     tcp = robot.tcp + errors.tcp_m * direction(rng)
     return replace(robot, placements=placements, masses=masses, tcp=tcp)
-
-
-def direction(rng: np.random.Generator) -> FloatArray:
-    """Return a (3,) unit vector of random direction."""
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,15 +15,18 @@ from stiff_datasets.twin.constants import TwinConstants, specimen_law
 from stiff_datasets.twin.effects import WORLDS, Effect, Friction, World
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
-from stiff_datasets.twin.twin import TwinExperiment, recorded_deflection, recorded_wrench
-from stiff_protocols.contract.errors import DataError
+from stiff_datasets.twin.twin import (
+    TOLERANCE_NM,
+    TwinExperiment,
+    no_equilibrium,
+    recorded_deflection,
+    recorded_wrench,
+)
 from stiff_protocols.contract.types import TRUTH, BenchmarkData, FloatArray, Robot, Samples
 
 Approach = Literal["random", "one-sided", "cycled"]
 """How a pose is reached: from a side drawn for each joint and pose; always from the same side; or
 as random, with the first load put on and off once before its reading."""
-TOLERANCE_NM = 1e-10
-"""Largest change of a torque in the last step; rounding errors are about 1e-13 N m."""
 MAX_ITERATIONS = 200
 
 
@@ -126,11 +129,7 @@ class WorldTwin:
             change = np.abs(torque - previous).max(axis=0)
             if (change < TOLERANCE_NM).all():
                 return RestState(state, tcp, self._chains[1].statics(q, theta, wrench)[1])
-        worst = int(np.argmax(~(change < TOLERANCE_NM)))  # NaN counts as no equilibrium
-        raise DataError(
-            f"no elastic equilibrium at q = {np.rad2deg(q[:, worst]).round(3)} deg under the "
-            f"wrench {wrench[:, worst].round(3)}: the load is too large for these springs"
-        )
+        raise no_equilibrium(change, q.T, wrench.T)
 
     def _structure(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return (n, 6) displacement and rotation of the TCP by links and floor."""
@@ -322,14 +321,8 @@ class WorldExperiment(TwinExperiment):
         errors = sum(
             (effect.reading_errors(pose, len(q), rng) for effect in twin.effects), 0.0 * noiseless
         )
-        samples = Samples(
-            q=q,
-            wrench=recorded,
-            deflection=recorded_deflection(noiseless + errors, noise, rng),
-            pose_id=np.repeat(poses.pose_id, n),
-            load_id=np.tile(np.arange(1, n + 1).astype(str), len(poses.q)),
-            group=np.repeat(poses.group, n),
-        )
+        deflection = recorded_deflection(noiseless + errors, noise, rng)
+        samples = self.rows(poses, recorded, deflection)
         remaining = twin.tracked(readings.remaining.reshape(-1, 3))
         after = recorded_deflection(remaining, noise, rng)
         return Measurement(samples, noiseless, after, np.repeat(direction, n, axis=0))
