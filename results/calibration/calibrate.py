@@ -3,7 +3,7 @@
 The linear VJM is identified on all 151 samples of the twin, as the paper did on its measurements,
 and its in-sample errors and stiffnesses are compared with the paper's Tables 2 and 3. No other
 model enters. Free are, joint by joint, what robots of this class leave open: the gear size, the
-structure in series, the tilting stiffness and the lost motion, each inside its physical range.
+structure in series and the tilting stiffness, each inside its physical range.
 Loads and the gear catalogue stay as they are. Calibration 1 has normal noise and a level wrist;
 calibration 2 has a tracker of heavy tails and a bent wrist, wider ranges, starts from the
 constants of calibration 1 and ends with least squares.
@@ -42,8 +42,8 @@ from stiff_datasets.twin.constants import (
     Noise,
     TwinConstants,
 )
+from stiff_datasets.twin.experiment import TwinExperiment, recorded_deflection, recorded_wrench
 from stiff_datasets.twin.kr10_twin import CALIBRATIONS
-from stiff_datasets.twin.twin import TwinExperiment
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import make_folder, written_whole
@@ -51,7 +51,8 @@ from stiff_protocols.contract.progress import Progress, listening, report
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 from stiff_protocols.springs.identification import least_compliance
 
-GEAR_SIZES = ((25, 32), (25, 32), (25, 32), (14, 17, 20), (14, 17, 20), (14, 17))
+SIZES = ((25, 32), (25, 32), (25, 32), (14, 17, 20), (14, 17, 20), (14, 17))
+GEARS = tuple(tuple(f"SHG-{size}" for size in sizes) for sizes in SIZES)
 """What fits the paper's identified stiffnesses and a robot of this class; A1 first."""
 SOFTEST_STRUCTURE = (*(3e4,) * 3, *(1e3,) * 3)  # N m/rad; softer than the gears
 POPULATION = 3  # candidates a free constant
@@ -74,36 +75,30 @@ class CalibrationSearch:
 
     Attributes:
         stiffest_structure: upper bound by joint, N m/rad.
-        lost_motion: range, arcmin.
         noise: of the instruments; not free.
         seeds: of loads and noise that the search sees, and that the stated figures are means of.
-        first_a2: lost motion of A2, arcmin, that the first candidate has; its other constants
-            are those of calibration 1. None: all candidates are drawn.
+        start: the first candidate has the constants of calibration 1; else all are drawn.
         polish: least squares follow the differential evolution; gear sizes stay.
     """
 
     stiffest_structure: tuple[float, ...]
-    lost_motion: tuple[float, float]
     noise: Noise
     seeds: tuple[range, range]
-    first_a2: float | None = None
+    start: bool = False
     polish: bool = False
 
 
 SEARCHES = {
-    # lost motion: "about 1", a factor of two either way
     1: CalibrationSearch(
         stiffest_structure=(*(3e6,) * 3, *(1e6,) * 3),
-        lost_motion=(0.5, 2.0),
         noise=Noise(),
         seeds=(range(10), range(10, 20)),
     ),
     2: CalibrationSearch(
         stiffest_structure=(1e7,) * 6,
-        lost_motion=(0.25, 3.0),
         noise=Noise(tracker_m=1.5e-5, tail=2.0),
         seeds=(range(20), range(20, 60)),  # outliers make the figures of a few seeds accidental
-        first_a2=1.4,
+        start=True,
         polish=True,
     ),
 }
@@ -152,15 +147,15 @@ def line_figures(
     q = experiments[0].logged_q(poses)
     wrenches = [experiment.wrenches(q) for experiment in experiments]
     # all seeds at once: the twin is fastest on many samples
-    together = experiments[0].twin.readings(
-        np.tile(q, (len(wrenches), 1)), np.concatenate(wrenches)
-    )
-    seed_figures = [
-        vjm_figures(robot, experiment.recorded(poses, wrench, readings))
-        for experiment, wrench, readings in zip(
-            experiments, wrenches, np.split(together, len(wrenches)), strict=True
-        )
-    ]
+    together = experiments[0].twin.truth(np.tile(q, (len(wrenches), 1)), np.concatenate(wrenches))
+    seed_figures = []
+    for experiment, wrench, moved in zip(
+        experiments, wrenches, np.split(together, len(wrenches)), strict=True
+    ):
+        rng = experiment.stream("noise")
+        recorded = recorded_wrench(wrench, constants.noise, rng)
+        deflection = recorded_deflection(moved, constants.noise, rng)
+        seed_figures.append(vjm_figures(robot, experiment.rows(poses, recorded, deflection)))
     return VjmFigures(*(np.mean(kind, axis=0) for kind in zip(*seed_figures, strict=True)))
 
 
@@ -200,7 +195,7 @@ def calibrate(
     """
     search, start = SEARCHES[number], _start(number)
     poses, misfits = CALIBRATIONS[number].poses(), list[float]()
-    (lower, upper), is_gear_size = _bounds(search), np.tile([True, False, False, False], 6)
+    (lower, upper), is_gear_size = _bounds(search), np.tile([True, False, False], 6)
 
     def figures(point: FloatArray, digits: int = _SIGNIFICANT_DIGITS) -> VjmFigures:
         return line_figures(_at(start, point, digits), seeds=search.seeds[0], poses=poses)
@@ -215,7 +210,7 @@ def calibrate(
     point = differential_evolution(
         objective,
         Bounds(lower, upper),
-        x0=None if search.first_a2 is None else _point(start, lower, upper),
+        x0=_point(start, lower, upper) if search.start else None,
         integrality=is_gear_size,
         maxiter=generations,
         popsize=POPULATION,
@@ -249,38 +244,29 @@ def calibrate(
 
 def _start(number: int) -> TwinConstants:
     """Return the constants that supply what is not free, and where the search may start."""
-    search, start = SEARCHES[number], CALIBRATIONS[1].constants()
-    joints = list(start.joint)
-    if search.first_a2 is not None:
-        joints[1] = JointTable(**joints[1].model_dump() | {"lost_motion_arcmin": search.first_a2})
     name = CALIBRATIONS[number].name
-    return start.model_copy(update={"name": name, "noise": search.noise, "joint": tuple(joints)})
+    changed = {"name": name, "noise": SEARCHES[number].noise}
+    return CALIBRATIONS[1].constants().model_copy(update=changed)
 
 
 def _bounds(search: CalibrationSearch) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper bounds of the free constants.
 
-    Joint by joint: number of the gear size, log10 of the structure, tilting ratio, lost motion.
+    Joint by joint: number of the gear size, log10 of the structure, tilting ratio.
     """
-    sizes = [len(gear_sizes) - 1 for gear_sizes in GEAR_SIZES]
+    sizes = [len(gear_sizes) - 1 for gear_sizes in GEARS]
     softest, stiffest = np.log10(SOFTEST_STRUCTURE), np.log10(search.stiffest_structure)
-    low, high = search.lost_motion
-    lower = np.broadcast_arrays(0.0, softest, MIN_RATIO, low)
-    upper = np.broadcast_arrays(sizes, stiffest, MAX_RATIO, high)
+    lower = np.broadcast_arrays(0.0, softest, MIN_RATIO)
+    upper = np.broadcast_arrays(sizes, stiffest, MAX_RATIO)
     return np.stack(lower, axis=1).reshape(-1), np.stack(upper, axis=1).reshape(-1)
 
 
 def _point(constants: TwinConstants, lower: FloatArray, upper: FloatArray) -> FloatArray:
     """Return the point of the search at which constants stand."""
     rows = [
-        (
-            sizes.index(joint.gear),
-            np.log10(joint.structure_Nm_per_rad),
-            joint.tilting_ratio,
-            joint.lost_motion_arcmin,
-        )
-        for sizes, joint in zip(GEAR_SIZES, constants.joint, strict=True)
-        if isinstance(joint, JointTable) and isinstance(joint.gear, int)
+        (gears.index(joint.gear), np.log10(joint.structure_Nm_per_rad), joint.tilting_ratio)
+        for gears, joint in zip(GEARS, constants.joint, strict=True)
+        if isinstance(joint, JointTable) and isinstance(joint.gear, str)
     ]
     return np.clip(np.array(rows, dtype=np.float64).reshape(-1), lower, upper)
 
@@ -291,13 +277,12 @@ def _at(
     """Return `start` with the free constants of a point of the search."""
     joints = tuple(
         JointTable(
-            gear=sizes[round(size)],
+            gear=gears[round(size)],
             structure_Nm_per_rad=_rounded(10.0**structure, digits),
             tilting_ratio=_rounded(tilting, digits),
-            lost_motion_arcmin=_rounded(lost_motion, digits),
         )
-        for sizes, (size, structure, tilting, lost_motion) in zip(
-            GEAR_SIZES, point.reshape(-1, 4).tolist(), strict=True
+        for gears, (size, structure, tilting) in zip(
+            GEARS, point.reshape(-1, 3).tolist(), strict=True
         )
     )
     return start.model_copy(update={"joint": joints})

@@ -27,15 +27,13 @@ from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.twin import simulate as simulation
 from stiff_datasets.twin.constants import (
     TwinConstants,
-    TwinPhysics,
     read_constants,
     shipped_constants,
     shipped_twins,
 )
 from stiff_datasets.twin.effects import World
+from stiff_datasets.twin.experiment import Approach
 from stiff_datasets.twin.twin_data import TwinData
-from stiff_datasets.twin.twin_effects import NO_EFFECTS
-from stiff_datasets.twin.world_twin import Approach
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
@@ -168,9 +166,7 @@ def simulate(
     loads_per_pose: Annotated[int, Bounds(at_least=1, at_most=1000)] = 1,
     specimen: Annotated[int, Bounds(at_least=0, at_most=9)] = 0,
     seed: Seed = 0,
-    effects: Annotated[str, Form("LIST")] = "none",
-    physics: TwinPhysics = "tilting",
-    world: Literal["none", World] = "none",
+    world: World = "clean",
     approach: Approach = "random",
     all_columns: bool = False,
 ) -> Text:
@@ -178,7 +174,7 @@ def simulate(
 
     Args:
         output: new .csv or .parquet file.
-        twin: simulated robot: kr10-r1100-2, kr10-rough, kr10-beam, ur5, an arm such as gp12, or a
+        twin: simulated robot: kr10-r1100-2, ur5, an arm such as gp12, or a
             .toml file with your own constants.
         samples: number of samples.
         loads: the paper's wrenches (line), its forces at a hook (line-hook), or forces in all
@@ -186,27 +182,19 @@ def simulate(
         loads_per_pose: number of loads per pose.
         specimen: number of the simulated robot, 0 to 9.
         seed: seed of poses, loads and noise.
-        effects: effects separated by commas: hysteresis, links, kinematics, sensor; or none.
-        physics: tilting bearings as in the twin's file, or rigid bearings and links that bend.
-        world: effects of robot and measurement, in place of `effects` and `physics`.
+        world: what robot and measurement have beyond gear curves, tilting bearings and noise:
+            friction, structure, a workshop's errors, or all.
         approach: how a pose is reached in a world with friction.
-        all_columns: also write approach and the unloaded reading after each load; with a world.
+        all_columns: also write approach and the unloaded reading after each load.
 
     Raises:
         DataError: bending links need sections, which the twin's file does not have.
-        ConfigError: the twin or an effect is unknown, `effects` or `physics` is given with a world,
-            or the file's extension is not supported.
+        ConfigError: the twin is unknown, or the file's extension is not supported.
         StoreError: the file exists, or cannot be written.
     """
     start = time.perf_counter()
-    if world != "none" and effects != NO_EFFECTS:
-        raise ConfigError(f"{effects} does not go with world={world}", "effects")
-    options = TwinData(
-        specimen=specimen, seed=seed, physics=physics, world=world, approach=approach
-    )
-    experiment = options.experiment(
-        _constants(twin), effects, loads=loads, loads_per_pose=loads_per_pose
-    )
+    options = TwinData(specimen=specimen, seed=seed, world=world, approach=approach)
+    experiment = options.experiment(_constants(twin), loads=loads, loads_per_pose=loads_per_pose)
     with display():
         simulation.simulate(Path(output), experiment, samples, all_columns=all_columns)
     seconds = time.perf_counter() - start

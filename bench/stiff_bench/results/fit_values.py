@@ -11,7 +11,7 @@ from stiff_bench.tables.table import Quantity
 from stiff_bench.tables.units import PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import BOUND_NAMES, TRUTH, Interval, Prediction
+from stiff_protocols.contract.types import BOUND_NAMES, DRAWN, TRUTH, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, Metric
 
 
@@ -20,7 +20,11 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
     parts = [result.prediction for result in results if result.prediction is not None]
     intervals = [part.interval for part in parts if part.interval is not None]
     references = [part.reference for part in parts if part.reference is not None]
-    truths = [truth for part in parts if (truth := part.bound_deflections.get(TRUTH)) is not None]
+    truths = {
+        name: np.concatenate([part.bound_deflections[name] for part in parts])
+        for name in (TRUTH, DRAWN)
+        if parts and all(name in part.bound_deflections for part in parts)
+    }
     interval = None
     if intervals and len(intervals) == len(parts):
         interval = Interval(
@@ -34,7 +38,7 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
         measured=np.concatenate([part.measured for part in parts]),
         interval=interval,
         reference=np.concatenate(references) if len(references) == len(parts) else None,
-        bound_deflections={TRUTH: np.concatenate(truths)} if len(truths) == len(parts) else {},
+        bound_deflections=truths,
     )
 
 
@@ -57,7 +61,7 @@ def _bound_result(result: CellResult, name: str) -> CellResult | None:
     bounds = {row: stored.bound_deflections.get(key) for key, row in BOUND_NAMES.items()}
     if (predicted := ({REFERENCE_MODEL: stored.reference} | bounds)[name]) is None:
         return None
-    truths = {key: of for key, of in stored.bound_deflections.items() if key == TRUTH}
+    truths = {key: of for key, of in stored.bound_deflections.items() if key in (TRUTH, DRAWN)}
     prediction = Prediction(
         stored.rows, predicted, stored.measured, None, stored.reference, bound_deflections=truths
     )

@@ -40,6 +40,7 @@ from stiff_protocols.contract.files import make_folder, written_whole
 from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation, RunManifest
 from stiff_protocols.contract.types import (
     BOUND_NAMES,
+    DRAWN,
     TRUTH,
     BenchmarkData,
     FloatArray,
@@ -446,7 +447,9 @@ def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Pre
         measured=arrays["measured"],
         interval=interval,
         reference=arrays.get("reference"),
-        bound_deflections={name: arrays[name] for name in (*BOUND_NAMES, TRUTH) if name in arrays},
+        bound_deflections={
+            name: arrays[name] for name in (*BOUND_NAMES, TRUTH, DRAWN) if name in arrays
+        },
     )
 
 

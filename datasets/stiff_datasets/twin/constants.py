@@ -11,50 +11,44 @@
     clearance_m = 0.2                 # the default: of random poses, to the base column
 
     [[joint]]                         # one per joint, base to tip
-    gear = 25                         # a catalogue size, or a table, see below
+    gear = "SHG-25"                   # a name of the catalogue in gears.py, or a table, see below
     structure_Nm_per_rad = 5e5        # casing and link, in series with the gear
-    tilting_ratio = 4.0               # bearing stiffness over the gear's middle slope K2
-    lost_motion_arcmin = 1.0          # full width
+    tilting_ratio = 4.0               # bearing stiffness over the gear's middle slope
 
     [[joint]]                         # a prismatic joint, such as a linear track
     drive_N_per_m = 2e7               # stiffness along its axis
     guide_Nm_per_rad = 5e6            # tilting stiffness of its guide, about both cross axes
 
-``[noise]``, ``[scatter]`` and ``[errors]`` have defaults, see `Noise`, `Scatter` and `Errors`. A
-gear that is not in the catalogue is given as
-``gear = {slopes_Nm_per_rad = [..3], breakpoints_Nm = [..2], rated_Nm = ..}``. A structure or a
-tilting ratio of ``inf`` is rigid. Links bend if the file has their sections::
+``[noise]`` and ``[scatter]`` have defaults, see `Noise` and `Scatter`. A gear that is not in the
+catalogue is given as ``gear = {rigidity_Nm_per_rad = .., rated_Nm = ..}`` (cycloidal: one slope and
+lost motion), or as ``gear = {slopes_Nm_per_rad = [..3], breakpoints_Nm = [..2], rated_Nm = ..}``
+(strain wave). A structure or a tilting ratio of ``inf`` is rigid. The worlds "structure" and "all"
+need the sections of the links::
 
     [beams]
     modulus_Pa = 7.0e10
     poisson = 0.33
-    foundation_N_per_m = 2e8          # foundation of the base; rigid by default
-    foundation_Nm_per_rad = 1e7
-    bend = "always"                   # or "effect", the default: only with the effect "links"
-                                      # or physics = rigid
 
     [[beams.segment]]                 # base to first joint, joint to joint, last joint to TCP
-    outer_m = 0.2
+    outer_m = 0.2                     # height of the tube
     wall_m = 0.01
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from importlib.resources import as_file, files
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Le, Lt
+from annotated_types import Ge, Le
 from pydantic import (
     AfterValidator,
     Discriminator,
     Field,
     PrivateAttr,
-    StrictInt,
     Tag,
     ValidationError,
     model_validator,
@@ -64,18 +58,20 @@ from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.reachable import CLEARANCE
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robots
 from stiff_datasets.robots.urdf_reader import LONGEST_TCP_M, ChainModel, read_chain
-from stiff_datasets.twin.beams import Beams, Tube
 from stiff_datasets.twin.gear_law import LOST_MOTION_SHARE, GearLaw
-from stiff_datasets.twin.spring_law import (
+from stiff_datasets.twin.gears import (
+    CATALOGUE,
+    CYCLOIDAL,
     SOFTEST,
     STIFFEST,
     Gear,
-    JointSprings,
+    GearKind,
     Positive,
-    SlideSprings,
+    RvGear,
+    StrainWaveGear,
     TomlTable,
 )
-from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.files import read_toml
 from stiff_protocols.contract.types import FloatArray, Robot
 
@@ -89,34 +85,18 @@ Tail = Annotated[float, Ge(1), Le(1000)]  # degrees of freedom of Student's t di
 Load = Annotated[float, Ge(0), Le(1000)]  # N, N m
 Length = Annotated[float, Ge(-LONGEST_TCP_M), Le(LONGEST_TCP_M)]  # m; mm would be larger
 Vector = tuple[Length, Length, Length]
-
-TwinPhysics = Literal["tilting", "rigid"]
-"""Bearings that tilt as given in the file, or rigid bearings and links that bend."""
+Diameter = Annotated[float, Ge(1e-3), Le(2.0), Field(allow_inf_nan=False)]  # m; mm would be larger
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
 SOFTEST_DRIVE, STIFFEST_DRIVE = 1e4, 1e12  # N/m
 
 ARCMIN = np.pi / 180.0 / 60.0  # rad
-STRAIN_WAVE, CYCLOIDAL, SLIDE = "strain wave", "RV", "slide"
-"""Kinds of gears; a slide has none."""
+SLIDE: Literal["slide"] = "slide"
+"""A prismatic joint, which has no gear."""
 GEAR_LOST_MOTION_ARCMIN = (0.1, 0.4)
 """Range of an RV gear's lost motion without memory (KUKA KR300: 0.1 to 0.28, measured)."""
-MAX_LOST_MOTION = 60.0  # arcmin
 MIN_RATIO, MAX_RATIO = 1.0, 8.0
 """Range of tilting over axial stiffness in published identifications."""
-
-CATALOGUE = {
-    size: Gear(slopes_Nm_per_rad=slopes, breakpoints_Nm=breakpoints, rated_Nm=rated)
-    for size, slopes, breakpoints, rated in (
-        (14, (0.47e4, 0.61e4, 0.71e4), (2.0, 6.9), 7.8),
-        (17, (1.0e4, 1.4e4, 1.6e4), (3.9, 12.0), 24.0),
-        (20, (1.6e4, 2.5e4, 2.9e4), (7.0, 25.0), 40.0),
-        (25, (3.1e4, 5.0e4, 5.7e4), (14.0, 48.0), 67.0),
-        (32, (6.7e4, 11.0e4, 12.0e4), (29.0, 108.0), 137.0),
-    )
-}
-"""Strain-wave gears by size, ratio 80 and above, recalled from the manufacturer's catalogue. The
-slopes of size 32 were confirmed. All other slopes and the rated torques are assumptions."""
 
 
 def _or_rigid(low: float, high: float) -> AfterValidator:
@@ -128,51 +108,55 @@ def _or_rigid(low: float, high: float) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _gear_kind(gear: object) -> str | None:
-    if isinstance(gear, dict | Gear):
-        return "table"
-    return "size" if isinstance(gear, int) else None
+def _gear_tag(gear: object) -> str | None:
+    if isinstance(gear, str):
+        return "name"
+    if isinstance(gear, RvGear) or (isinstance(gear, dict) and "rigidity_Nm_per_rad" in gear):
+        return "cycloidal"
+    return "strain wave" if isinstance(gear, dict | StrainWaveGear) else None
 
 
 class JointTable(TomlTable):
     """The elasticity of one joint.
 
     Attributes:
-        gear: catalogue size or a separate table.
+        gear: a name of the catalogue, or a separate table.
         structure_Nm_per_rad: casing and link, in series with the gear.
-        tilting_ratio: stiffness across the axis over the gear's K2.
-        lost_motion_arcmin: full width.
+        tilting_ratio: stiffness across the axis over the gear's middle slope.
     """
 
     gear: Annotated[
-        Annotated[StrictInt, Tag("size")] | Annotated[Gear, Tag("table")],
+        Annotated[str, Tag("name")]
+        | Annotated[StrainWaveGear, Tag("strain wave")]
+        | Annotated[RvGear, Tag("cycloidal")],
         Discriminator(
-            _gear_kind,
+            _gear_tag,
             custom_error_type="gear",
-            custom_error_message="Input should be an integer size or a table",
+            custom_error_message="Input should be the name of a gear, such as SHG-25, or a table",
         ),
     ]
     structure_Nm_per_rad: Annotated[float, _or_rigid(SOFTEST, STIFFEST)]
     tilting_ratio: Annotated[float, _or_rigid(MIN_RATIO, MAX_RATIO)]
-    lost_motion_arcmin: Annotated[NotNegative, Le(MAX_LOST_MOTION)]
 
     @model_validator(mode="after")
     def _known_gear(self) -> JointTable:
-        if isinstance(self.gear, int) and self.gear not in CATALOGUE:
-            raise ValueError(f"gear size {self.gear} (valid: {', '.join(map(str, CATALOGUE))})")
+        if isinstance(self.gear, str) and self.gear not in CATALOGUE:
+            raise ValueError(str(unknown_name("gear", self.gear, CATALOGUE)))
         return self
 
-    @cached_property
-    def springs(self) -> JointSprings:
-        """The same in SI units."""
-        gear = CATALOGUE[self.gear] if isinstance(self.gear, int) else self.gear
-        tilting = self.tilting_ratio * gear.slopes_Nm_per_rad[1]
-        lost_motion = self.lost_motion_arcmin * ARCMIN
-        return JointSprings(gear, self.structure_Nm_per_rad, (tilting, tilting), lost_motion)
+    @property
+    def gear_figures(self) -> Gear:
+        """Figures of the gear."""
+        return CATALOGUE[self.gear] if isinstance(self.gear, str) else self.gear
+
+    @property
+    def tilting(self) -> float:
+        """Stiffness about the two cross axes, N m/rad."""
+        return self.tilting_ratio * self.gear_figures.slopes_Nm_per_rad[1]
 
 
 class SlideTable(TomlTable):
-    """The elasticity of one prismatic joint.
+    """The elasticity of one prismatic joint; it is linear.
 
     Attributes:
         drive_N_per_m: stiffness along the axis.
@@ -181,11 +165,6 @@ class SlideTable(TomlTable):
 
     drive_N_per_m: Annotated[float, _or_rigid(SOFTEST_DRIVE, STIFFEST_DRIVE)]
     guide_Nm_per_rad: Annotated[float, _or_rigid(SOFTEST, STIFFEST)]
-
-    @cached_property
-    def springs(self) -> SlideSprings:
-        """The same in SI units."""
-        return SlideSprings(self.drive_N_per_m, (self.guide_Nm_per_rad, self.guide_Nm_per_rad))
 
 
 def _joint_kind(table: Any) -> str:
@@ -220,59 +199,47 @@ class Scatter(TomlTable):
 
     Attributes:
         gear: deviation of all three slopes of a gear together.
-        structure, tilting, lost_motion: deviation of the constants of that name; `structure` and
-            `tilting` also apply to a prismatic joint's drive and guide.
+        structure, tilting: deviation of the constants of that name, and of a prismatic joint's
+            drive and guide.
         beams: deviation of the modulus of each segment's tube.
     """
 
     gear: Share = 0.08
     structure: Share = 0.08
     tilting: Share = 0.15
-    lost_motion: Share = 0.2
     beams: Share = 0.05
 
 
-class Errors(TomlTable):
-    """Errors of the robot description and the instruments; assumption.
-
-    Every error has this size and a direction or sign drawn for the specimen.
+class Tube(TomlTable):
+    """The section of a segment, a rectangular tube.
 
     Attributes:
-        place_m, turn_rad: error of every joint's frame.
-        tcp_m: error of the TCP.
-        mass: relative error of every link's mass.
-        registration_rad: error of the tracker's frame relative to the robot's base.
-        force_frame_rad: error of the force sensor's frame.
-        force_gain: relative error of the force sensor's gain.
-        tracker_m, tail: noise with heavy tails, see `Noise`.
+        outer_m: height; the width is drawn, see `effects.BendingLinks`.
+        wall_m: thickness.
     """
 
-    place_m: Annotated[NotNegative, Le(0.01)] = 3e-4
-    turn_rad: Annotated[NotNegative, Le(0.1)] = 5e-4
-    tcp_m: Annotated[NotNegative, Le(0.01)] = 3e-4
-    mass: Annotated[float, Ge(0), Lt(1)] = 0.1
-    registration_rad: Annotated[NotNegative, Le(0.1)] = 5e-4
-    force_frame_rad: Annotated[NotNegative, Le(0.2)] = float(np.deg2rad(1.0))
-    force_gain: Annotated[float, Ge(0), Lt(1)] = 0.03
-    tracker_m: Annotated[NotNegative, Le(1e-2)] = 1e-5
-    tail: Tail = 3.0
+    outer_m: Diameter
+    wall_m: Diameter
+
+    @model_validator(mode="after")
+    def _hollow(self) -> Tube:
+        if 2.0 * self.wall_m > self.outer_m:
+            raise ValueError(
+                f"wall_m {self.wall_m:g} is more than half of outer_m {self.outer_m:g}"
+            )
+        return self
 
 
 class BeamsTable(TomlTable):
-    """The links' elasticity; see `stiff_datasets.twin.beams.Beams`.
+    """The links' elasticity in the worlds "structure" and "all".
 
     Attributes:
         modulus_Pa, poisson: constants of the links' material.
-        foundation_N_per_m, foundation_Nm_per_rad: stiffness of the base's foundation.
-        bend: "always", or "effect": only with the effect "links" or rigid bearings.
         segment: one table per segment, base to TCP.
     """
 
     modulus_Pa: Modulus
     poisson: Annotated[float, Ge(0), Le(0.5)]
-    foundation_N_per_m: Annotated[float, Ge(1e3)] = np.inf
-    foundation_Nm_per_rad: Annotated[float, Ge(10.0)] = np.inf
-    bend: Literal["always", "effect"] = "effect"
     segment: tuple[Tube, ...]
 
 
@@ -290,7 +257,7 @@ class TwinConstants(TomlTable):
             robots need more.
         joint: one table per joint, base to tip.
         beams: the links' elasticity; None: rigid links.
-        noise, scatter, errors: see `Noise`, `Scatter`, `Errors`.
+        noise, scatter: see `Noise` and `Scatter`.
     """
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
@@ -304,23 +271,13 @@ class TwinConstants(TomlTable):
     beams: BeamsTable | None = None
     noise: Noise = Noise()
     scatter: Scatter = Scatter()
-    errors: Errors = Errors()
     _path: Path = PrivateAttr(default=Path())
 
     @property
-    def springs(self) -> tuple[JointSprings | SlideSprings, ...]:
-        """The elasticity of every joint, base to tip, SI units."""
-        return tuple(joint.springs for joint in self.joint)
-
-    @property
-    def gear_kinds(self) -> tuple[str, ...]:
-        """Kind of every joint's gear: a size is a strain-wave gear, a table an RV gear."""
+    def gear_kinds(self) -> tuple[GearKind | Literal["slide"], ...]:
+        """Kind of every joint's gear."""
         return tuple(
-            SLIDE
-            if isinstance(joint, SlideTable)
-            else STRAIN_WAVE
-            if isinstance(joint.gear, int)
-            else CYCLOIDAL
+            SLIDE if isinstance(joint, SlideTable) else joint.gear_figures.kind
             for joint in self.joint
         )
 
@@ -329,8 +286,8 @@ class TwinConstants(TomlTable):
         """(n_joints,) rated torque of every gear, N m; 0 for a slide."""
         return np.array(
             [
-                joint.gear.rated_Nm if isinstance(joint, JointSprings) else 0.0
-                for joint in self.springs
+                0.0 if isinstance(joint, SlideTable) else joint.gear_figures.rated_Nm
+                for joint in self.joint
             ]
         )
 
@@ -385,96 +342,43 @@ def _counted(kinds: Sequence[str]) -> str:
     )
 
 
-def specimen_springs(
-    constants: TwinConstants, specimen: int
-) -> tuple[JointSprings | SlideSprings, ...]:
-    """Return the joint springs of one robot of a type.
-
-    Number 0 has the nominal constants. The others differ by log-normal factors with the standard
-    deviations of `Scatter`. Links, masses and the TCP are the same in all: their production
-    tolerances change a deflection by a thousandth.
-    """
-    if specimen == 0:
-        return constants.springs
-    rng, scatter = stream("specimen", constants.name, specimen), constants.scatter
-    specimen_joints: list[JointSprings | SlideSprings] = []
-    tilting_twice = (scatter.tilting, scatter.tilting)
-    deviations = (scatter.gear, scatter.structure, *tilting_twice, scatter.lost_motion)
-    for joint in constants.springs:
-        gear_factor, structure_factor, first_tilt_factor, second_tilt_factor, lost_motion_factor = (
-            np.exp(rng.normal(size=5) * deviations)
-        )
-        tilts = (joint.tilting[0] * first_tilt_factor, joint.tilting[1] * second_tilt_factor)
-        if isinstance(joint, SlideSprings):
-            specimen_joints.append(SlideSprings(joint.drive * structure_factor, tilts))
-            continue
-        slopes = tuple(slope * gear_factor for slope in joint.gear.slopes_Nm_per_rad)
-        gear_of_specimen = joint.gear.model_copy(update={"slopes_Nm_per_rad": slopes})
-        lost_motion_rad = joint.lost_motion * lost_motion_factor
-        specimen_joints.append(
-            JointSprings(
-                gear_of_specimen, joint.structure * structure_factor, tilts, lost_motion_rad
-            )
-        )
-    return tuple(specimen_joints)
-
-
 def specimen_law(constants: TwinConstants, specimen: int) -> GearLaw:
     """Return the law of all elastic coordinates of one robot, with arrays (..., 3 n_joints, 1).
 
-    A strain-wave gear has three slopes. An RV gear has one, its last, and lost motion without
-    memory. Tilts and slides are linear.
+    A strain-wave gear has three slopes. An RV gear has one, and lost motion without memory. Tilts
+    and slides are linear. Number 0 has the constants of the file. The others differ by log-normal
+    factors with the standard deviations of `Scatter`. Links, masses and the TCP are the same in
+    all: their production tolerances change a deflection by a thousandth.
     """
-    springs = specimen_springs(constants, specimen)
+    n, scatter = len(constants.joint), constants.scatter
+    factors = np.ones((n, 4))
+    if specimen:
+        deviations = (scatter.gear, scatter.structure, scatter.tilting, scatter.tilting)
+        rng = stream("specimen", constants.name, specimen)
+        factors = np.exp(rng.normal(size=factors.shape) * deviations)
     rng = stream("lost motion", constants.name, specimen)
-    widths = rng.uniform(*GEAR_LOST_MOTION_ARCMIN, size=len(springs)) * ARCMIN
-    compliance, breakpoints = np.zeros((3, 3 * len(springs), 1)), np.ones((2, 3 * len(springs), 1))
+    widths = rng.uniform(*GEAR_LOST_MOTION_ARCMIN, size=n) * ARCMIN
+    compliance, breakpoints = np.zeros((3, 3 * n, 1)), np.ones((2, 3 * n, 1))
     breakpoints[1] = 2.0
-    lost_motion, torque = np.zeros((3 * len(springs), 1)), np.ones((3 * len(springs), 1))
-    for number, (joint, kind) in enumerate(zip(springs, constants.gear_kinds, strict=True)):
+    lost_motion, torque = np.zeros((3 * n, 1)), np.ones((3 * n, 1))
+    for number, (joint, (of_gear, of_structure, *of_tilts)) in enumerate(
+        zip(constants.joint, factors, strict=True)
+    ):
         row = 3 * number
-        compliance[:, row + 1 : row + 3, 0] = 1.0 / np.array(joint.tilting)
-        if isinstance(joint, SlideSprings):
-            compliance[:, row, 0] = 1.0 / joint.drive
+        tilts = slice(row + 1, row + 3)
+        if isinstance(joint, SlideTable):
+            compliance[:, row, 0] = 1.0 / (joint.drive_N_per_m * of_structure)
+            compliance[:, tilts, 0] = 1.0 / (joint.guide_Nm_per_rad * np.array(of_tilts))
             continue
-        slopes = np.array(joint.gear.slopes_Nm_per_rad)
-        if kind == CYCLOIDAL:
-            slopes = slopes[[-1, -1, -1]]
-            lost_motion[row], torque[row] = widths[number], LOST_MOTION_SHARE * joint.gear.rated_Nm
-        compliance[:, row, 0] = 1.0 / slopes + 1.0 / joint.structure
-        breakpoints[:, row, 0] = joint.gear.breakpoints_Nm
+        gear = joint.gear_figures
+        slopes = np.array(gear.slopes_Nm_per_rad) * of_gear
+        compliance[:, row, 0] = 1.0 / slopes + 1.0 / (joint.structure_Nm_per_rad * of_structure)
+        compliance[:, tilts, 0] = 1.0 / (joint.tilting * np.array(of_tilts))
+        breakpoints[:, row, 0] = gear.breakpoints_Nm
+        if gear.kind == CYCLOIDAL:
+            lost_motion[row], torque[row] = widths[number], LOST_MOTION_SHARE * gear.rated_Nm
     none = np.zeros((0, 1, 1))
     return GearLaw(compliance, breakpoints, lost_motion, torque, none, none)
-
-
-def specimen_beams(
-    constants: TwinConstants, robot: Robot, specimen: int, *, must_bend: bool
-) -> Beams | None:
-    """Return the bending links of one robot of a type; None: rigid links.
-
-    Args:
-        constants: constants of the type.
-        robot: geometry of the specimen.
-        specimen: 0 has the nominal moduli, the others scatter as in `Scatter`.
-        must_bend: true with the effect "links" or with rigid bearings.
-
-    Raises:
-        DataError: the links have to bend and have no sections.
-    """
-    table = constants.beams
-    if must_bend and table is None:
-        raise DataError(
-            f"{constants._path}: no table [beams], which the effect 'links' and physics=rigid need "
-            "(valid: sections as in stiff_datasets/twin/constants.py, or neither of the two)"
-        )
-    if table is None or (table.bend == "effect" and not must_bend):
-        return None
-    moduli = np.ones(len(table.segment))
-    if specimen:
-        rng = stream("beams", constants.name, specimen)
-        moduli = np.exp(rng.normal(scale=constants.scatter.beams, size=moduli.shape))
-    foundation = (table.foundation_N_per_m, table.foundation_Nm_per_rad)
-    return Beams(robot, table.segment, moduli * table.modulus_Pa, table.poisson, foundation)
 
 
 def read_constants(path: Path) -> TwinConstants:
@@ -495,7 +399,7 @@ def read_constants(path: Path) -> TwinConstants:
 def _first_problem(error: ValidationError) -> str:
     """Return the first error and its key; joints and segments count from 1."""
     problem = error.errors()[0]
-    tags = (REVOLUTE, PRISMATIC, "size", "table")  # tags of unions, not in files
+    tags = (REVOLUTE, PRISMATIC, "name", "strain wave", "cycloidal")  # tags of unions, not in files
     path = [part + 1 if isinstance(part, int) else part for part in problem["loc"]]
     key_path = ".".join(str(part) for part in path if part not in tags)
     is_value = problem["type"] != "missing" and not isinstance(problem["input"], dict)

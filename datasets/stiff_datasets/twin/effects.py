@@ -19,17 +19,10 @@ import pinocchio as pin
 
 from stiff_datasets.planning.loads import omni_forces, stream
 from stiff_datasets.planning.reachable import reachable_poses
-from stiff_datasets.twin.constants import (
-    ARCMIN,
-    CYCLOIDAL,
-    SLIDE,
-    STRAIN_WAVE,
-    Noise,
-    TwinConstants,
-    specimen_law,
-)
+from stiff_datasets.twin.constants import ARCMIN, SLIDE, Noise, TwinConstants, specimen_law
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
+from stiff_datasets.twin.gears import CYCLOIDAL, STRAIN_WAVE
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot
 

@@ -1,4 +1,4 @@
-"""Simulate the KUKA KR10 R1100-2: five SIMULATED data sets of three digital twins.
+"""Simulate the KUKA KR10 R1100-2: three SIMULATED data sets of one digital twin.
 
 No data here were measured. `twins/kr10_*.toml` lists every constant with its source or the word
 "assumption". `poses.py` and `loads.py` define the poses and loads that the paper leaves open.
@@ -7,17 +7,14 @@ No data here were measured. `twins/kr10_*.toml` lists every constant with its so
 from __future__ import annotations
 
 import functools
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from stiff_datasets.planning.loads import LoadKind
 from stiff_datasets.planning.poses import Poses, bent_wrist_poses, paper_poses
 from stiff_datasets.twin.constants import TwinConstants, shipped_constants
 from stiff_datasets.twin.robot_twin import POSES, MeasuringPlan, random_poses
-from stiff_datasets.twin.twin_data import ADDED_LATER, TwinData
-from stiff_datasets.twin.twin_effects import ALL_EFFECTS
+from stiff_datasets.twin.twin_data import TwinData
 from stiff_protocols.contract.types import BenchmarkData, Robot
 
 
@@ -53,38 +50,11 @@ CALIBRATIONS = {
 }
 """Default twins, calibrated to the source paper's VJM errors."""
 CalibrationNumber = Literal[1, 2]
-Torques = Literal["table-5", "hook"]
 
 
 @dataclass(kw_only=True, eq=False)
-class PaperTwin(TwinData, ABC):
-    """A twin at the 151 planned poses with loads along the line of the paper's Table 5.
-
-    Attributes:
-        torques: "table-5": along the line too, as in the paper's simulated loads; "hook": torques
-            of one cable that pulls at a hook (see `loads.py`).
-    """
-
-    torques: Torques = "table-5"
-
-    loads_per_pose = 1
-
-    @property
-    @abstractmethod
-    def twin(self) -> PlannedTwin:
-        """Constants and poses."""
-
-    def load(self) -> BenchmarkData:
-        """Simulate the measurement (well under a second)."""
-        loads: LoadKind = "line" if self.torques == "table-5" else "line-hook"
-        twin = self.twin
-        options = {"loads": loads, "loads_per_pose": self.loads_per_pose}
-        return self.measured(twin.constants(), twin.poses(), **options)
-
-
-@dataclass(kw_only=True, eq=False)
-class Kr10Twin(PaperTwin):
-    """The default twin, one load per pose.
+class Kr10Twin(TwinData):
+    """The default twin, one load per pose along the line of the paper's Table 5.
 
     Attributes:
         calibration: 1, or 2: nearer to the paper, with a bent wrist and a tracker that has heavy
@@ -96,48 +66,22 @@ class Kr10Twin(PaperTwin):
     calibration: CalibrationNumber = 1
     plan: MeasuringPlan = "narrow"
 
-    added_later = (*ADDED_LATER, "calibration", "plan")
+    loads_per_pose = 1
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""
+        twin = CALIBRATIONS[self.calibration]
+        constants, per_pose = twin.constants(), self.loads_per_pose
         if self.plan == "narrow":
-            return super().load()
-        constants = self.twin.constants()
+            return self.measured(constants, twin.poses(), loads="line", loads_per_pose=per_pose)
         poses = random_poses(constants, POSES, self.seed)
-        return self.measured(constants, poses, loads_per_pose=self.loads_per_pose)
-
-    @property
-    def twin(self) -> PlannedTwin:
-        """Constants and poses of the calibration."""
-        return CALIBRATIONS[self.calibration]
+        return self.measured(constants, poses, loads_per_pose=per_pose)
 
 
 class Kr10TwinMultiload(Kr10Twin):
     """The default twin with five loads per pose; a fair split keeps them together."""
 
     loads_per_pose = 5
-
-
-@dataclass(kw_only=True, eq=False)
-class Kr10TwinRough(PaperTwin):
-    """The default twin's poses and loads on a robot beyond the models' assumptions."""
-
-    effects: str = ALL_EFFECTS
-
-    twin = PlannedTwin("kr10_rough", paper_poses)
-
-
-@dataclass(kw_only=True, eq=False)
-class Kr10TwinBeam(PaperTwin):
-    """The default twin's poses and loads with linear joints and beams as links.
-
-    Attributes:
-        physics: "rigid": no bearing tilts, and the links bend.
-    """
-
-    physics: Literal["rigid"] = "rigid"
-
-    twin = PlannedTwin("kr10_beam", paper_poses)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -149,8 +93,6 @@ class Kr10TwinOmni(TwinData):
     """
 
     calibration: CalibrationNumber = 1
-
-    added_later = (*ADDED_LATER, "calibration")
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement (well under a second)."""

@@ -14,8 +14,8 @@ from stiff_datasets.planning.loads import LoadKind, stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.twin.constants import TwinConstants, read_constants, shipped_constants
-from stiff_datasets.twin.twin_data import ADDED_LATER, TwinData
-from stiff_datasets.twin.twin_effects import ALL_EFFECTS, NO_EFFECTS
+from stiff_datasets.twin.effects import World
+from stiff_datasets.twin.twin_data import TwinData
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -40,7 +40,6 @@ class RobotTwin(TwinData):
     poses: Annotated[int, Gt(0)] = POSES
     loads: LoadKind = "omni"
     loads_per_pose: Annotated[int, Gt(0)] = 1
-    effects: str = NO_EFFECTS
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement.
@@ -66,8 +65,6 @@ class HookTwin(TwinData):
     """
 
     plan: MeasuringPlan = "wide"
-
-    added_later = (*ADDED_LATER, "plan")
 
     def planned(self, constants: TwinConstants, max_load_share: float = 1.0) -> BenchmarkData:
         """Simulate the measurement, with loads up to `max_load_share` times the payload."""
@@ -106,7 +103,7 @@ class ArmFamily(HookTwin):
     """
 
     robot: Annotated[int, Ge(0), Le(len(ARMS) - 1)] = 0
-    effects: str = ALL_EFFECTS
+    world: World = "all"
 
     def load(self) -> BenchmarkData:
         """Simulate the measurement."""

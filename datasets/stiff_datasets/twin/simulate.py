@@ -13,9 +13,8 @@ from stiff_datasets.measured.sheet_files import PARQUET, sample_table, write_tab
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
-from stiff_datasets.twin.twin import TwinExperiment
-from stiff_datasets.twin.world_twin import WorldExperiment
-from stiff_protocols.contract.errors import ConfigError, unsupported_extension
+from stiff_datasets.twin.experiment import TwinExperiment
+from stiff_protocols.contract.errors import unsupported_extension
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.types import AXES, FloatArray
@@ -45,16 +44,13 @@ def simulate(
             reading of the unloaded robot after the load.
 
     Raises:
-        ConfigError: the file has another extension, or it is Parquet and pyarrow is not installed;
-            `all_columns` without a world.
+        ConfigError: the file has another extension, or it is Parquet and pyarrow is not installed.
         DataError: a load is too large for the twin.
         StoreError: the file exists, or cannot be written.
     """
     if path.suffix not in ENDINGS:
         raise unsupported_extension(path, ENDINGS)
     check_new_file(path)
-    if all_columns and not isinstance(experiment, WorldExperiment):
-        raise ConfigError("requires a world (valid: --world friction)", "all-columns")
     parts = _blocks(experiment, n_samples, all_columns=all_columns)
     write_table(path, (part.round(RECORDED_DECIMALS) for part in parts))
 
@@ -73,12 +69,10 @@ def _blocks(
             group=np.full(n_poses, SIMULATED_GROUP),
         )
         extra: dict[str, FloatArray] = {}
-        if all_columns and isinstance(experiment, WorldExperiment):
-            samples, _, after, direction = experiment.measurement(poses, block)
+        samples, _, after, direction = experiment.measurement(poses, block)
+        if all_columns:
             extra |= {f"approach_q{i}": sign for i, sign in enumerate(direction.T, start=1)}
             extra |= {f"after_d{a}_mm": 1e3 * part for a, part in zip(AXES, after.T, strict=True)}
-        else:
-            samples = experiment.samples(poses, block=block)
         n_rows = min(len(samples), n_samples - n_done)
         table = sample_table(samples, robot).assign(**extra)
         yield table.iloc[:n_rows]

@@ -1,206 +1,248 @@
-"""Simulate an experiment on a digital twin: loads, noisy readings, records.
-
-Records are rounded like a log. The steps are coarser than rounding errors, so that the data's hash
-is the same on every machine.
-"""
+"""Simulate a robot in a world: gears, links and instruments with its effects (`effects.py`)."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
+from scipy.linalg import hadamard
 
-from stiff_datasets.planning.loads import (
-    LoadKind,
-    hook_wrenches,
-    line_wrenches,
-    omni_forces,
-    stream,
-)
-from stiff_datasets.planning.poses import Poses
-from stiff_datasets.twin.beams import Beams
-from stiff_datasets.twin.constants import (
-    Noise,
-    TwinConstants,
-    TwinPhysics,
-    specimen_beams,
-    specimen_springs,
-)
+from stiff_datasets.twin.constants import TwinConstants, specimen_law
+from stiff_datasets.twin.effects import WORLDS, Effect, Friction, World
 from stiff_datasets.twin.elastic_chain import ElasticChain
-from stiff_datasets.twin.spring_law import JointSprings, SlideSprings, SpringLaw
-from stiff_datasets.twin.twin_effects import (
-    HYSTERESIS,
-    KINEMATICS,
-    LINKS,
-    Instruments,
-    real_robot,
-)
+from stiff_datasets.twin.gear_law import GearLaw
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples
-
-DECIMALS_DEG, DECIMALS_N, DECIMALS_NM, DECIMALS_MM = 4, 3, 5, 5
-
-
-@dataclass(eq=False)
-class TwinExperiment:
-    """A twin's measurement.
-
-    Attributes:
-        constants: constants of the twin.
-        loads: kind of the wrenches.
-        specimen: number of the robot of the type.
-        seed: draws loads and noise; the robot does not depend on it.
-        loads_per_pose: number of loads per pose.
-        physics: "rigid": no bearing tilts, and the links bend; all random numbers are the same.
-        effects: effects in addition to the default twin, see `twin_effects.py`.
-        max_load_share: largest pull at a hook, relative to the payload.
-        robot: the real robot.
-        twin: its elasticity.
-
-    Raises:
-        DataError: the links have to bend, and `constants` have no beams.
-    """
-
-    constants: TwinConstants
-    _: KW_ONLY
-    loads: LoadKind = "omni"
-    specimen: int
-    seed: int
-    loads_per_pose: int = 1
-    physics: TwinPhysics = "tilting"
-    effects: Collection[str] = ()
-    max_load_share: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Build the twin."""
-        constants, specimen, robot = self.constants, self.specimen, self.constants.robot()
-        self._instruments = Instruments.of(constants, specimen, self.effects)
-        if KINEMATICS in self.effects:
-            rng = stream("kinematics", constants.name, specimen)
-            robot = real_robot(robot, constants.errors, rng)
-        springs, is_rigid = [*specimen_springs(constants, specimen)], self.physics == "rigid"
-        if is_rigid:
-            springs = [
-                replace(joint, tilting=(np.inf, np.inf))
-                if isinstance(joint, JointSprings)
-                else joint
-                for joint in springs
-            ]
-        must_bend = LINKS in self.effects or is_rigid
-        self.robot = robot
-        self.twin = DigitalTwin(
-            robot,
-            springs,
-            beams=specimen_beams(constants, robot, specimen, must_bend=must_bend),
-            hysteresis=HYSTERESIS in self.effects,
-        )
-        # "line" and "line-hook" share their forces; only the torques differ
-        loads = self.loads.split("-")[0]
-        self._key = (constants.name, loads, self.loads_per_pose, specimen, self.seed)
-
-    def samples(self, poses: Poses, *, block: int = 0) -> Samples:
-        """Measure every load at each of the poses, pose by pose.
-
-        Args:
-            poses: the poses.
-            block: another number gives other loads and noise.
-
-        Raises:
-            DataError: a load is too large for the twin.
-        """
-        q = self.logged_q(poses)
-        wrench = self.wrenches(q, block=block)
-        return self.recorded(poses, wrench, self.twin.readings(q, wrench), block=block)
-
-    def measured(self, poses: Poses) -> BenchmarkData:
-        """Return `samples` with the robot and the twin's exact deflections; error as `samples`.
-
-        "oracle" is the twin's own prediction from the recorded joint angles and wrenches, "noise"
-        the tracker's reading without noise. For other loads, `DigitalTwin.readings` gives the exact
-        deflections in the true base frame, not in the tracker's frame.
-        """
-        q = self.logged_q(poses)
-        wrench = self.wrenches(q)
-        instruments, deflection = self._instruments, self.twin.readings(q, wrench)
-        samples = self.recorded(poses, wrench, deflection)
-        oracle = self.twin.readings(q, instruments.true_wrench(samples.wrench))
-        exact_deflections = {
-            "oracle": instruments.tracker_deflection(oracle),
-            "noise": instruments.tracker_deflection(deflection),
-        }
-        return BenchmarkData(
-            samples,
-            self.constants.robot(),
-            exact_deflections,
-            self.twin.readings,
-            self.twin.joint_turn,
-        )
-
-    def logged_q(self, poses: Poses) -> FloatArray:
-        """Return (n, n_joints) logged joint positions [rad or m], one row per load."""
-        angle = np.deg2rad(np.rad2deg(poses.q).round(DECIMALS_DEG))
-        length = (poses.q * 1000.0).round(DECIMALS_DEG) / 1000.0
-        logged = np.where(self.robot.turns, angle, length)
-        return np.repeat(logged, self.loads_per_pose, axis=0)
-
-    def wrenches(self, q: FloatArray, *, block: int = 0) -> FloatArray:
-        """Return (n, 6) loads at the TCP [N, N m], base frame, for (n, n_joints) q."""
-        rng, payload = stream("loads", *self._key, block), self.constants.payload_kg
-        if self.loads == "line":
-            return line_wrenches(len(q), payload, rng)
-        if self.loads == "line-hook":
-            force = self.max_load_share * line_wrenches(len(q), payload, rng)[:, :3]
-        else:
-            force = omni_forces(len(q), payload, rng, self.max_load_share)
-        lever = self.robot.forward(q).rotation @ np.array(self.constants.hook_m)
-        return hook_wrenches(force, lever)
-
-    def recorded(
-        self, poses: Poses, wrench: FloatArray, deflection: FloatArray, *, block: int = 0
-    ) -> Samples:
-        """Record (n, 6) `wrench` and (n, 3) `deflection` [m] with the instruments."""
-        rng, instruments = stream("noise", *self._key, block), self._instruments
-        sensed = recorded_wrench(instruments.sensor_wrench(wrench), instruments.noise, rng)
-        tracked = instruments.tracker_deflection(deflection)
-        return self.rows(poses, sensed, recorded_deflection(tracked, instruments.noise, rng))
-
-    def rows(self, poses: Poses, wrench: FloatArray, deflection: FloatArray) -> Samples:
-        """Return the samples of recorded (n, 6) `wrench` and (n, 3) `deflection` [m]."""
-        loads = np.arange(1, self.loads_per_pose + 1).astype(str)
-        return Samples(
-            q=self.logged_q(poses),
-            wrench=wrench,
-            deflection=deflection,
-            pose_id=np.repeat(poses.pose_id, self.loads_per_pose),
-            load_id=np.tile(loads, len(poses.q)),
-            group=np.repeat(poses.group, self.loads_per_pose),
-        )
-
-
-def recorded_wrench(wrench: FloatArray, noise: Noise, rng: np.random.Generator) -> FloatArray:
-    """Return (n, 6) `wrench` as recorded from the force sensor."""
-    noisy = wrench + rng.normal(size=wrench.shape) * np.repeat([noise.force_N, noise.torque_Nm], 3)
-    return np.hstack([noisy[:, :3].round(DECIMALS_N), noisy[:, 3:].round(DECIMALS_NM)])
-
-
-def recorded_deflection(
-    deflection: FloatArray, noise: Noise, rng: np.random.Generator
-) -> FloatArray:
-    """Return (n, 3) `deflection` [m] as recorded from two tracker readings."""
-    size = (2, *deflection.shape)
-    if noise.tail is None:
-        readings = rng.normal(scale=noise.tracker_m, size=size)
-    else:
-        readings = noise.tracker_m * rng.standard_t(noise.tail, size=size)
-    measured_mm = (deflection + readings[0] - readings[1]) * 1000.0
-    return np.asarray(measured_mm.round(DECIMALS_MM) / 1000.0)
-
+from stiff_protocols.contract.types import FloatArray, Robot
 
 TOLERANCE_NM = 1e-10
 """Largest change of a torque in the last step; rounding errors are about 1e-13 N m."""
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 200
+
+
+class RestState(NamedTuple):
+    """An equilibrium of springs, load and weight.
+
+    Attributes:
+        plays: (n_plays, 3 n_joints, n) plays of the gears, N m.
+        tcp, point: (3, n) TCP and measured point of the deformed robot, m.
+    """
+
+    plays: FloatArray
+    tcp: FloatArray
+    point: FloatArray
+
+
+class Readings(NamedTuple):
+    """Displacements under the loads of each pose, one after the other; (n, n_loads, 3) m.
+
+    Attributes:
+        tcp, point: loaded minus unloaded before it, of the TCP and of the measured point.
+        remaining: unloaded after the load minus unloaded before it, of the measured point.
+    """
+
+    tcp: FloatArray
+    point: FloatArray
+    remaining: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DigitalTwin:
+    """A robot of a type in a world, which can be loaded and read.
+
+    Attributes:
+        constants: constants of the type.
+        specimen: number of the robot.
+        effects: effects of the world, drawn for this robot.
+    """
+
+    constants: TwinConstants
+    specimen: int
+    effects: tuple[Effect, ...]
+
+    @classmethod
+    def in_world(cls, constants: TwinConstants, specimen: int, world: World) -> Self:
+        """Draw the robot of that number in a world."""
+        drawn = (effect.drawn(constants, specimen) for effect in WORLDS[world])
+        return cls(constants, specimen, tuple(drawn))
+
+    @cached_property
+    def description(self) -> Robot:
+        """The robot as models get it."""
+        return self.constants.robot()
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The real robot."""
+        robot = self.description
+        for effect in self.effects:
+            robot = effect.real_robot(robot)
+        return robot
+
+    @cached_property
+    def _law(self) -> GearLaw:
+        law = specimen_law(self.constants, self.specimen)
+        for effect in self.effects:
+            law = effect.law(law)
+        return law
+
+    @cached_property
+    def _chains(self) -> tuple[ElasticChain, ElasticChain]:
+        offset = sum((effect.tracked_point() for effect in self.effects), np.zeros(3))
+        robot = self.robot
+        return ElasticChain(robot), ElasticChain(replace(robot, tcp=robot.tcp + offset))
+
+    def _settled(
+        self,
+        q: FloatArray,
+        wrench: FloatArray,
+        plays: FloatArray | None = None,
+        direction: FloatArray | None = None,
+    ) -> RestState:
+        """Return the equilibrium at (n_joints, n) q under (6, n) wrench.
+
+        It follows from the plays before the load, or from a motion that ended in `direction`
+        (3 n_joints, n).
+        """
+        chain, law = self._chains[0], self._law
+        theta = np.zeros((3 * len(q), q.shape[1]))
+        weight, _ = chain.statics(q, theta, np.zeros_like(wrench))
+        torque, _ = chain.statics(q, theta, wrench)
+        for _ in range(MAX_ITERATIONS):
+            on_springs = torque
+            for effect in self.effects:
+                on_springs = effect.loaded(on_springs, weight)
+            if plays is None:
+                assert direction is not None
+                state = law.plays_after_motion(on_springs, direction)
+            else:
+                state = law.slipped(plays, on_springs)
+            theta = law.angle(on_springs, state)
+            for effect in reversed(self.effects):
+                theta = effect.turned(theta, q)
+            previous = torque
+            torque, tcp = chain.statics(q, theta, wrench)
+            change = np.abs(torque - previous).max(axis=0)
+            if (change < TOLERANCE_NM).all():
+                return RestState(state, tcp, self._chains[1].statics(q, theta, wrench)[1])
+        raise no_equilibrium(change, q.T, wrench.T)
+
+    def readings(
+        self, q: FloatArray, wrench: FloatArray, direction: FloatArray, *, cycled: bool = False
+    ) -> Readings:
+        """Return the displacements under several loads of each pose, in their order.
+
+        Args:
+            q: (n, n_joints) commanded joint positions, rad or m.
+            wrench: (n, n_loads, 6) loads at the TCP [N, N m], base frame.
+            direction: (n, n_joints) signs of the motion that ended at each pose.
+            cycled: put the first load on and off once before its reading.
+
+        Raises:
+            DataError: no equilibrium was found (the load is too large).
+        """
+        columns, none = q.T.copy(), np.zeros((6, len(q)))
+        before = self._settled(columns, none, direction=np.repeat(direction.T, 3, axis=0))
+        rows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        loads = [wrench[:, k] for k in range(wrench.shape[1])]
+        for load in [*(loads[:1] if cycled else []), *loads]:
+            loaded = self._settled(columns, load.T.copy(), before.plays)
+            after = self._settled(columns, none, loaded.plays)
+            moved = self._moved(q, load, before, loaded)
+            rows.append((*moved, (after.point - before.point).T))
+            before = after
+        rows = rows[1:] if cycled else rows
+        return Readings(*(np.stack(part, axis=1) for part in zip(*rows, strict=True)))
+
+    def _moved(
+        self, q: FloatArray, wrench: FloatArray, before: RestState, loaded: RestState
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the (n, 3) displacements [m] of TCP and measured point by (n, 6) wrench."""
+        parts = [effect.displacement(self.robot, q, wrench) for effect in self.effects]
+        structure = np.asarray(sum(parts, np.zeros_like(wrench)))
+        shift, lever = structure[:, :3], (before.point - before.tcp).T
+        tcp = (loaded.tcp - before.tcp).T + shift
+        point = (loaded.point - before.point).T + shift + np.cross(structure[:, 3:], lever)
+        return tcp, point
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether a deflection depends on the direction from which the pose was reached."""
+        return any(isinstance(effect, Friction) for effect in self.effects)
+
+    @cached_property
+    def _states(self) -> FloatArray:
+        """(n_states, n_joints) directions over which the truth is averaged.
+
+        They are columns of a Hadamard matrix: the mean over them is that over all combinations if
+        the joints' states do not act on each other.
+        """
+        n = self.robot.n_joints
+        if not self.has_friction:
+            return np.ones((1, n))
+        size = 1 << n.bit_length()
+        return np.asarray(hadamard(size)[:, 1 : n + 1], dtype=float)
+
+    def truth(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] of the TCP under (n, 6) wrenches at it, without the rig.
+
+        With friction it is the mean over the directions from which a pose can be approached.
+
+        Raises:
+            DataError: no equilibrium was found (the load is too large).
+        """
+        return self._mean_moved(q, wrench)[0]
+
+    def _mean_moved(self, q: FloatArray, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the mean over all directions of what `_moved` returns."""
+        states, n = self._states, len(q)
+        every, load = np.tile(q, (len(states), 1)), np.tile(wrench, (len(states), 1))
+        columns = every.T.copy()
+        signs = np.repeat(np.repeat(states, n, axis=0).T, 3, axis=0)
+        before = self._settled(columns, np.zeros_like(load.T), direction=signs)
+        loaded = self._settled(columns, load.T.copy(), before.plays)
+        tcp, point = self._moved(every, load, before, loaded)
+        shape = (len(states), n, 3)
+        return tcp.reshape(shape).mean(axis=0), point.reshape(shape).mean(axis=0)
+
+    def oracle(self, q: FloatArray, sensed_wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) mean reading [m] of the tracker, from the sensor's (n, 6) reading.
+
+        It knows robot and rig, but neither noise nor the direction of the approach.
+        """
+        wrench = sensed_wrench
+        for effect in reversed(self.effects):
+            wrench = effect.sensed(wrench, inverse=True)
+        return self.tracked(self._mean_moved(q, self.real_wrench(q, wrench))[1])
+
+    def real_wrench(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 6) wrench at the TCP that a file describes as `wrench`."""
+        rotation = self.description.forward(q).rotation
+        for effect in self.effects:
+            wrench = effect.real_wrench(wrench, rotation)
+        return wrench
+
+    def tracked(self, deflection: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection in the tracker's frame."""
+        for effect in self.effects:
+            deflection = effect.tracked(deflection)
+        return deflection
+
+    def joint_turn(self, torque: FloatArray) -> FloatArray:
+        """Return the (n, n_joints) turn [rad] (slide [m]) of unloaded joints under `torque`.
+
+        `torque` (n, n_joints) [N m or N] loads each joint about, or along, its axis; the mean over
+        both directions of a motion before it.
+        """
+        on_springs = np.zeros((3 * torque.shape[1], len(torque)))
+        on_springs[::3] = torque.T
+        law, none, turns = self._law, np.zeros_like(on_springs), []
+        for sign in (1.0, -1.0):
+            rest_plays = law.plays_after_motion(none, np.full_like(none, sign))
+            loaded = law.angle(on_springs, law.slipped(rest_plays, on_springs))
+            turns.append(loaded - law.angle(none, rest_plays))
+        return np.asarray(((turns[0] + turns[1]) / 2.0)[::3].T)
 
 
 def no_equilibrium(change: FloatArray, q: FloatArray, wrench: FloatArray) -> DataError:
@@ -213,96 +255,3 @@ def no_equilibrium(change: FloatArray, q: FloatArray, wrench: FloatArray) -> Dat
         f"no elastic equilibrium at q = {np.rad2deg(q[worst]).round(3)} deg under the "
         f"wrench {wrench[worst].round(3)}: the load is too large for these springs"
     )
-
-
-class Equilibrium(NamedTuple):
-    """Equilibrium of springs, load and weight; elastic coordinates joint by joint.
-
-    Attributes:
-        theta: (n, 3 n_joints) elastic coordinates, rad: torsion and two tilts per joint; m along a
-            prismatic joint.
-        torque: (n, 3 n_joints) torque on the springs, N m, or N.
-        tcp: (n, 3) TCP of the deformed robot, base frame, m.
-    """
-
-    theta: FloatArray
-    torque: FloatArray
-    tcp: FloatArray
-
-
-class DigitalTwin:
-    """A robot of given elasticity that can be loaded and read.
-
-    Args:
-        robot: rigid kinematics, masses and TCP.
-        springs: one entry per joint, base to tip, of the joint's kind.
-        beams: bending links; None: rigid links.
-        hysteresis: every load takes up the lost motion again, see `SpringLaw`.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        springs: Sequence[JointSprings | SlideSprings],
-        *,
-        beams: Beams | None = None,
-        hysteresis: bool = False,
-    ) -> None:
-        """Build the elastic chain."""
-        self.robot, self._beams, self._hysteresis = robot, beams, hysteresis
-        self._chain = ElasticChain(robot)
-        self._law = SpringLaw(springs)
-
-    def readings(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the TCP's displacements under one load per pose, without noise.
-
-        Args:
-            q: (n, n_joints) commanded joint angles, rad.
-            wrench: (n, 6) load at the TCP, force [N] then torque [N m], base frame.
-
-        Returns:
-            (n, 3) loaded minus unloaded TCP position, m, base frame.
-
-        Raises:
-            DataError: no equilibrium was found (the load is too large).
-        """
-        unloaded = self.equilibrium(q, np.zeros_like(wrench))
-        loaded = self.equilibrium(q, wrench, unloaded.torque if self._hysteresis else None)
-        moved = loaded.tcp - unloaded.tcp
-        if self._beams is not None:
-            moved = moved + self._beams.displacement(q, wrench)[:, :3]
-        return moved
-
-    def joint_turn(self, torque: FloatArray) -> FloatArray:
-        """Return the (n, n_joints) turn [rad] (slide [m]) of unloaded joints under `torque`.
-
-        `torque` (n, n_joints) [N m or N] loads each joint about, or along, its axis.
-        """
-        on_springs = np.zeros((3 * torque.shape[1], len(torque)))
-        on_springs[::3] = torque.T
-        turning = np.zeros_like(on_springs) if self._hysteresis else None
-        return self._law.angle(on_springs, turning)[::3].T
-
-    def equilibrium(
-        self, q: FloatArray, wrench: FloatArray, turning: FloatArray | None = None
-    ) -> Equilibrium:
-        """Return the equilibrium under gravity and `wrench`; errors as `readings`.
-
-        Args:
-            q: (n, n_joints) commanded joint angles, rad.
-            wrench: (n, 6) load at the TCP, N and N m, base frame.
-            turning: (n, 3 n_joints) torque on the springs at the turning points, N m. None: this
-                equilibrium is the turning point if there is hysteresis.
-        """
-        q_columns, load = q.T.copy(), wrench.T.copy()  # one sample per column, see `ElasticChain`
-        theta = np.zeros((3 * len(q_columns), len(q)))
-        torque, tcp = self._chain.statics(q_columns, theta, load)
-        for _ in range(MAX_ITERATIONS):
-            current_torque = torque if self._hysteresis else None
-            previous_torque = torque
-            theta = self._law.angle(torque, current_torque if turning is None else turning.T)
-            torque, tcp = self._chain.statics(q_columns, theta, load)
-            change = np.abs(torque - previous_torque).max(axis=0)
-            if (change < TOLERANCE_NM).all():
-                return Equilibrium(theta.T, torque.T, tcp.T)
-        raise no_equilibrium(change, q, wrench)

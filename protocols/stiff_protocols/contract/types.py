@@ -38,6 +38,10 @@ TRUTH = "truth"
 """Key of the deflection of the true robot at the description's TCP, under the wrench that a row
 writes, without rig and noise. Metrics `true-norm` and `true-p95` compare with it."""
 
+DRAWN = "drawn"
+"""Key of the same deflection in the drawn state of friction, where there is friction. Metric
+`drawn-norm` compares with it."""
+
 PATH_GROUP = "tool path"
 """Group of the samples that a protocol adds for a simulated robot: points of tool paths, which are
 never used for training."""
@@ -230,7 +234,7 @@ class Prediction(BriefFields):
         interval: intervals of the same rows; None if not requested.
         reference: (n, 3) m, base frame, prediction of the reference model (the VJM) with the same
             training rows; None if not available.
-        bound_deflections: name of `BOUND_NAMES`, or `TRUTH` -> (n, 3) m, base frame, for
+        bound_deflections: name of `BOUND_NAMES`, `TRUTH` or `DRAWN` -> (n, 3) m, base frame, for
             simulated data.
     """
 
@@ -268,9 +272,8 @@ class BenchmarkData(ShownObject):
         samples: samples of a robot.
         robot: robot as given to the models.
         bound_deflections: (n, 3) deflections [m] that only a simulation knows, a row per sample,
-            for comparison with a model's errors: see `BOUND_NAMES` and `TRUTH`. Models never get
-            them, and the
-            hash excludes them.
+            for comparison with a model's errors: see `BOUND_NAMES`, `TRUTH`, `DRAWN`. Models never
+            get them, and the hash excludes them.
         under_load: true deflection of the measured robot at new poses and loads, without noise, in
             the order of the motion; None if the robot cannot be measured again. It can be pickled.
             Only the scorer calls it; models never get it, and the hash excludes it.

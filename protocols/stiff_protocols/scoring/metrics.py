@@ -22,7 +22,7 @@ import numpy as np
 
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import AXES, TRUTH, BoolArray, FloatArray, Prediction
+from stiff_protocols.contract.types import AXES, DRAWN, TRUTH, BoolArray, FloatArray, Prediction
 
 WHOLE_VECTOR = ("",)
 """The axes of a metric with a single value."""
@@ -142,11 +142,17 @@ def _skill(prediction: Prediction) -> FloatArray | None:
     return np.asarray(1.0 - norm_errors(prediction).mean() / reference) if reference > 0.0 else None
 
 
-def _true_lengths(reduced: Callable[..., Any]) -> Callable[[Prediction], FloatArray | None]:
-    """Return a function that reduces the lengths of the errors against the truth, m."""
+def _true_lengths(
+    reduced: Callable[..., Any], *truths: str
+) -> Callable[[Prediction], FloatArray | None]:
+    """Return a function that reduces the lengths of the errors, m, against the first known truth.
+
+    `truths` are `DRAWN` or `TRUTH`.
+    """
 
     def of_prediction(prediction: Prediction) -> FloatArray | None:
-        truth = prediction.bound_deflections.get(TRUTH)
+        known = (prediction.bound_deflections.get(name) for name in truths)
+        truth = next((array for array in known if array is not None), None)
         return (
             None if truth is None else np.asarray(reduced(_lengths(prediction.predicted - truth)))
         )
@@ -203,15 +209,22 @@ METRICS = {
             "true-norm",
             "true error",
             "m",
-            "mean 3-D error against the true robot's deflection (worlds of simulated robots)",
-            _true_lengths(np.mean),
+            "mean 3-D error against the true robot's deflection (simulated robots)",
+            _true_lengths(np.mean, TRUTH),
         ),
         _single_value(
             "true-p95",
             "true error P95",
             "m",
             "95th percentile of the 3-D error against the true robot's deflection",
-            _true_lengths(_P95),
+            _true_lengths(_P95, TRUTH),
+        ),
+        _single_value(
+            "drawn-norm",
+            "drawn error",
+            "m",
+            "mean 3-D error against the true robot's deflection in its drawn state of friction",
+            _true_lengths(np.mean, DRAWN, TRUTH),
         ),
         _single_value(
             "relative",
