@@ -70,6 +70,15 @@ MODELS = (
         grids={"default": {"springs": (3, 6), "solver": ("nnls", "ridge")}},
     ),
     ModelInfo(
+        key="curve-springs",
+        target="stiff_models.physics.curve_springs:CurveSprings",
+        summary="18 virtual springs, the joints' own with three slopes and lost motion, by ridge",
+        equation="d = sum over springs s of a_s [phi_s(tau_g + tau) - phi_s(tau_g)], phi_s with "
+        "few parameters",
+        reference="the yardstick for models that learn a curve; docs/models.md",
+        grids={"default": {"weights": ("equal", "student")}},
+    ),
+    ModelInfo(
         key="gp-springs",
         target="stiff_models.regressors.gp_springs:GpSprings",
         summary="Gaussian processes over the torque-deflection curves of 18 virtual springs",

@@ -49,6 +49,7 @@ from stiff_protocols.contract.types import (
 )
 from stiff_protocols.scoring.conformal import calibration_samples_needed, conformal_interval
 from stiff_protocols.scoring.cross_validated import CrossValidatedError
+from stiff_protocols.springs.identification import LOST_MOTION
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -409,7 +410,7 @@ class Model(ShownObject):
             numbers = {key: numbers[key] for key in numbers if key not in of_springs}
         if chosen := getattr(self.fitted, "best_params_", None):
             lines.append(f"- options chosen by inner cross-validation: {in_words(chosen)}")
-        texts = {name: f"{value:.4g}" for name, value in numbers.items()}
+        texts = {name: _number_text(name, value) for name, value in numbers.items()}
         for name in numbers:
             of_name = name.replace(" standard error", "")
             if of_name != name and of_name in texts:
@@ -508,7 +509,8 @@ class Model(ShownObject):
         if springs:
             table = _springs_table(springs)
             numbers = {name: x for name, x in numbers.items() if name not in springs.report()}
-        facts += [(name, f"{value:.4g}") for name, value in [*numbers.items()][:MOST_NUMBERS]]
+        shown_numbers = [*numbers.items()][:MOST_NUMBERS]
+        facts += [(name, _number_text(name, value)) for name, value in shown_numbers]
         if len(numbers) > MOST_NUMBERS:
             facts.append(("more", f"{len(numbers) - MOST_NUMBERS} numbers in .diagnostics"))
         facts = [fact for fact in facts if fact[1]]
@@ -585,6 +587,11 @@ def wrap_model_errors(
 
 
 SPRING_INTERVAL = 0.9
+
+
+def _number_text(name: str, value: float) -> str:
+    """Return the text of a number in `diagnostics`."""
+    return "none found" if name.startswith(LOST_MOTION) and not value else f"{value:.4g}"
 
 
 def _springs_table(springs: IdentifiedSprings) -> Table:

@@ -8,28 +8,31 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import ndtri
 
 from stiff_models.physics.vjm import stiffness_unit
 from stiff_models.regressors.spring_process import SpringProcess
-from stiff_protocols.contract.types import FloatArray, IntArray, Robot
+from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot
 from stiff_protocols.springs.identification import (
     LARGEST_ERROR,
+    LOST_MOTION,
     SPRING_CURVE,
     IdentifiedSprings,
     spring_key,
 )
 
-N_POINTS = 41  # from full torque on one side to full torque on the other
+N_POINTS = 41  # of a curve, from the lowest torque to the highest
 TINY_SLOPE = 1e-15  # rad/(N m) or m/N: no joint is so stiff
 ARCMIN = math.pi / 180.0 / 60.0
 
+LEAST_RANGE = 1e-9
+"""Share of the robot's widest torque range; a joint with less is loaded by rounding only."""
+LOST_MOTION_Z = float(ndtri(0.95))
+"""A lost motion is found if its 90 % interval lies above zero."""
+
 PLACES = ("no", "half", "full")
-_STEPS = np.zeros((len(PLACES), N_POINTS))
-"""Weights of a curve's points: their sum over the step is the slope at no, half, full torque."""
-_middle, _half, _full = N_POINTS // 2, 3 * N_POINTS // 4, N_POINTS - 1
-_STEPS[0, [_middle, _middle + 1]] = -1.0, 1.0
-_STEPS[1, [_half - 1, _half + 1]] = -0.5, 0.5
-_STEPS[2, [_full - 1, _full]] = -1.0, 1.0
+_ENDS = np.array([[0.0, 0.05], [0.45, 0.55], [0.95, 1.0]])
+"""Shares of the full torque between which the slope at no, half and full torque is taken."""
 
 
 def joint_curves(
@@ -37,10 +40,11 @@ def joint_curves(
 ) -> tuple[dict[str, FloatArray], IdentifiedSprings, dict[str, float]]:
     """Return the curves of the joints' own springs, their stiffnesses and their lost motion.
 
-    A curve, "spring A2", is (n, 3) torque [N m or N], turn [rad or m], and its standard deviation.
-    Stiffnesses are at no, half and full torque: the slope over a twentieth of the largest torque of
-    weight and load in the training samples, with its standard error. Lost motion is its full
-    width and the standard error, by name and unit.
+    A curve, "spring A2", is (n, 3) torque [N m or N], turn [rad or m], and its standard deviation,
+    from the lowest to the highest torque of weight and load in the training samples. Stiffnesses
+    are at no, half and full torque, if they lie in this range: the slope over a twentieth of the
+    largest torque, with its standard error. A joint without torque has neither. Lost motion is its
+    width and the standard error, by name and unit; 0 without an error if none is found.
 
     Args:
         process: process of all springs.
@@ -49,21 +53,30 @@ def joint_curves(
         calibration: factor on standard deviations.
     """
     points: dict[str, FloatArray] = {}
-    slopes, errors = np.empty((2, robot.n_joints, len(PLACES)))
-    for joint, spring in enumerate(springs.tolist()):
-        loaded = process.loads.loaded[spring]
-        full = float(loaded[np.abs(loaded).argmax()]) or float(process.covariance.scale[spring])
-        torque = np.linspace(-full, full, N_POINTS)
-        turn, covariance = process.curve(spring, torque)
+    slopes, errors = np.zeros((2, robot.n_joints, len(PLACES)))
+    inside = np.zeros((robot.n_joints, len(PLACES)), dtype=bool)
+    lowest, highest = (ends[springs] for ends in process.loads.torque_range)
+    least = LEAST_RANGE * float((highest - lowest).max())
+    for joint in np.flatnonzero(highest - lowest > least).tolist():
+        low, high = float(lowest[joint]), float(highest[joint])
+        full = max(low, high, key=abs)
+        ends = full * _ENDS
+        torque = np.concatenate([np.linspace(low, high, N_POINTS), ends.ravel()])
+        turn, covariance = process.curve(int(springs[joint]), torque)
         deviation = calibration * np.sqrt(np.maximum(np.diag(covariance), 0.0))
         curve = np.stack([torque, turn, deviation], axis=1)
-        points[f"{SPRING_CURVE}{robot.joint_names[joint]}"] = curve[np.argsort(torque)]
-        steps = _STEPS / (torque[1] - torque[0])
+        points[f"{SPRING_CURVE}{robot.joint_names[joint]}"] = curve[:N_POINTS]
+        steps = np.zeros((len(PLACES), len(torque)))
+        for place, (start, end) in enumerate(ends):
+            steps[place, N_POINTS + 2 * place : N_POINTS + 2 * place + 2] = np.array(
+                [-1.0, 1.0]
+            ) / (end - start)
+        inside[joint] = ((ends >= low) & (ends <= high)).all(axis=1)
         slopes[joint] = steps @ turn
         variance = np.einsum("pi,ij,pj->p", steps, covariance, steps)
         errors[joint] = calibration * np.sqrt(np.maximum(variance, 0.0))
     straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[springs]
-    stiffness = _identified(robot, slopes, errors, straight)
+    stiffness = _identified(robot, inside, slopes, errors, straight)
     return points, stiffness, _lost_motion(process, robot, springs, calibration)
 
 
@@ -71,13 +84,17 @@ def _lost_motion(
     process: SpringProcess, robot: Robot, springs: IntArray, calibration: float
 ) -> dict[str, float]:
     numbers: dict[str, float] = {}
-    for name, turns, width, error in zip(
-        robot.joint_names, robot.turns, *process.lost_motion(springs), strict=True
-    ):
-        unit, factor = ("arcmin", 1.0 / ARCMIN) if turns else ("mm", 1e3)
-        numbers[spring_key("lost motion", name, unit)] = factor * float(width)
-        key = spring_key("lost motion standard error", name, unit)
-        numbers[key] = factor * calibration * float(error)
+    widths, errors = process.lost_motion(springs)
+    errors = calibration * errors
+    is_lost_motion = process.is_lost_motion(springs) & (widths > LOST_MOTION_Z * errors)
+    for joint, name in enumerate(robot.joint_names):
+        unit, factor = ("arcmin", 1.0 / ARCMIN) if robot.turns[joint] else ("mm", 1e3)
+        width_key = spring_key(LOST_MOTION, name, unit)
+        numbers[width_key] = 0.0
+        if is_lost_motion[joint]:
+            numbers[width_key] = factor * float(widths[joint])
+            error_key = spring_key(f"{LOST_MOTION} standard error", name, unit)
+            numbers[error_key] = factor * float(errors[joint])
     return numbers
 
 
@@ -88,17 +105,20 @@ def _unit_rows(matrix: FloatArray) -> FloatArray:
 
 
 def _identified(
-    robot: Robot, slopes: FloatArray, errors: FloatArray, straight: FloatArray
+    robot: Robot, inside: BoolArray, slopes: FloatArray, errors: FloatArray, straight: FloatArray
 ) -> IdentifiedSprings:
     """Return (n_joints, 3) slopes and their standard errors [rad/(N m) or m/N] as stiffnesses.
 
-    `straight` (n_joints, n) is the training deflection by each joint at unit compliance.
+    `inside` (n_joints, 3) chooses the slopes; `straight` (n_joints, n) is the training deflection
+    by each joint at unit compliance.
     """
-    names = [f"{name} at {word} torque" for name in robot.joint_names for word in PLACES]
-    units = [stiffness_unit(kind) for kind in robot.joint_types for _ in PLACES]
+    names = np.array(
+        [[f"{name} at {word} torque" for word in PLACES] for name in robot.joint_names]
+    )
+    units = np.array([[stiffness_unit(kind)] * len(PLACES) for kind in robot.joint_types])
     # a slope that may also be negative has the size of its error
-    least = np.maximum(0.3 * errors, TINY_SLOPE)
-    compliance, error = np.maximum(slopes, least).ravel(), errors.ravel()
+    error = errors[inside]
+    compliance = np.maximum(slopes[inside], np.maximum(0.3 * error, TINY_SLOPE))
     log_error = error / compliance
     is_known = log_error <= LARGEST_ERROR
     return IdentifiedSprings(
@@ -107,6 +127,6 @@ def _identified(
         log_error=log_error,
         rank=int(is_known.sum()),
         condition=float(np.linalg.cond(_unit_rows(straight))),
-        names=tuple(names),
-        units=tuple(units),
+        names=tuple(names[inside].tolist()),
+        units=tuple(units[inside].tolist()),
     )

@@ -108,6 +108,10 @@ SPRING_CURVE = "spring "
 """Begins the name of a curve of a fitted model that is a joint's spring."""
 
 
+LOST_MOTION = "lost motion"
+"""Begins the name of the width of a joint's lost motion; the width is 0 if none is found."""
+
+
 def spring_key(word: str, name: str, unit: str) -> str:
     """Return the name of a spring's number in a fit's report.
 

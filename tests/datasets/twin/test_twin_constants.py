@@ -8,21 +8,16 @@ import numpy as np
 import pytest
 
 from helpers.made_robots import track_lines, tree_urdf
-from stiff_datasets.twin.constants import (
-    CATALOGUE,
-    read_constants,
-    specimen_springs,
-)
+from stiff_datasets.twin.constants import ARCMIN, read_constants, specimen_law
 from stiff_datasets.twin.robot_twin import RobotTwin
-from stiff_datasets.twin.spring_law import SlideSprings
+from stiff_datasets.twin.twin import DigitalTwin
 from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
 JOINT = """
 [[joint]]
-gear = 25
+gear = "SHG-25"
 structure_Nm_per_rad = 1e5
 tilting_ratio = 4.0
-lost_motion_arcmin = 1.0
 """
 SLIDE = """
 [[joint]]
@@ -32,6 +27,7 @@ guide_Nm_per_rad = 5e6
 BEAMS = "[beams]\nmodulus_Pa = 7e10\npoisson = 0.3\n" + 8 * (
     "[[beams.segment]]\nouter_m = 0.2\nwall_m = 0.01\n"
 )
+RV_GEAR = "{rigidity_Nm_per_rad = 1e6, rated_Nm = 900}"
 OWN_GEAR = "{slopes_Nm_per_rad = [1e6, 2e6, 2e6], breakpoints_Nm = [100, 300], rated_Nm = 900}"
 TOP = (
     'name = "t"\nurdf = "ur5"\ntcp_m = [0.0, 0.06, 0.08]\npayload_kg = 5.0\nhook_m = [0, 0.05, 0]\n'
@@ -45,12 +41,18 @@ def write(tmp_path, text):
 
 
 def test_constants_are_converted_to_springs_in_si_units(tmp_path):
-    text = TOP + 5 * JOINT + JOINT.replace("25", OWN_GEAR)
-    spring, *_, custom_spring = springs = read_constants(write(tmp_path, text)).springs
-    assert len(springs) == 6 and custom_spring.gear.slopes_Nm_per_rad == (1e6, 2e6, 2e6)
-    assert spring.gear == CATALOGUE[25]
-    assert spring.structure == 1e5 and spring.tilting == (4 * 5e4, 4 * 5e4)
-    assert spring.lost_motion == pytest.approx(np.deg2rad(1 / 60))
+    joints = 4 * JOINT + JOINT.replace('"SHG-25"', OWN_GEAR) + JOINT.replace('"SHG-25"', RV_GEAR)
+    constants = read_constants(write(tmp_path, TOP + joints))
+    assert constants.gear_kinds == (*["strain wave"] * 5, "RV")
+    law = specimen_law(constants, 0)
+    torsion, tilts = law.compliance[:, ::3, 0], law.compliance[:, 1::3, 0]
+    structure = 1.0 / 1e5
+    for joint, slopes in ((0, (3.1e4, 5e4, 5.7e4)), (4, (1e6, 2e6, 2e6)), (5, (1e6, 1e6, 1e6))):
+        np.testing.assert_allclose(torsion[:, joint], 1.0 / np.array(slopes) + structure)
+        np.testing.assert_allclose(tilts[:, joint], 1.0 / (4.0 * slopes[1]))
+    np.testing.assert_array_equal(law.breakpoints[:, [0, 12], 0].T, [[14, 48], [100, 300]])
+    lost_motion = law.lost_motion[::3, 0] / ARCMIN  # of an RV gear only
+    assert not lost_motion[:5].any() and 0.1 <= lost_motion[5] <= 0.4
 
 
 @pytest.mark.parametrize(
@@ -63,20 +65,24 @@ def test_constants_are_converted_to_springs_in_si_units(tmp_path):
             "unknown key 'payload'; did you mean 'payload_kg'",
         ),
         *(
-            (TOP + JOINT.replace("gear = 25", f"gear = {gear}"), "joint.1.gear.*integer size or a")
-            for gear in ('"25"', "25.0", "[1]", "nan")
+            (TOP + JOINT.replace('"SHG-25"', gear), "joint.1.gear.*name of a gear, such as SHG-25")
+            for gear in ("25", "25.0", "[1]", "nan")
         ),
-        (TOP + JOINT.replace("25", "23"), r"joint.1.*gear size 23 \(valid: 14, 17, 20, 25, 32\)"),
+        (TOP + JOINT.replace("SHG-25", "SHG-23"), r"joint.1: .*'SHG-23'; did you mean 'SHG-2"),
+        (
+            TOP + JOINT + "lost_motion_arcmin = 1.0",
+            r"joint.1: unknown key 'lost_motion_arcmin' \(valid: gear, structure_Nm_per_rad, tilt",
+        ),
         (TOP + JOINT.replace("4.0", "9"), r"joint.1.tilting_ratio: 9: .*1 to 8, nor inf"),
         (TOP + SLIDE + "gear = 25\n", r"joint.1: unknown key 'gear' \(valid: drive_N_per_m, guide"),
         (TOP.replace("5.0", "nan") + JOINT, r"payload_kg: nan: .* finite number"),
         (TOP.replace('"t"', '"a/b"') + JOINT, r"name: 'a/b': .* pattern"),
         (
-            TOP + JOINT.replace("25", OWN_GEAR.replace("rated_Nm", "rated")),
+            TOP + JOINT.replace('"SHG-25"', OWN_GEAR.replace("rated_Nm", "rated")),
             r"joint.1.gear: unknown key 'rated'; did you mean 'rated_Nm'",
         ),
         (
-            TOP + JOINT.replace("25", OWN_GEAR.replace("100, 300", "300, 100")),
+            TOP + JOINT.replace('"SHG-25"', OWN_GEAR.replace("100, 300", "300, 100")),
             r"joint.1.gear.*breakpoints_Nm 300, 100: the second must be larger",
         ),
     ],
@@ -117,10 +123,18 @@ def on_a_track(tmp_path, joints, words=""):
 def test_a_track_has_a_drive_and_a_guide_and_its_scatter(tmp_path):
     constants = on_a_track(tmp_path, SLIDE + 6 * JOINT, 'tip = "camera"\n')
     assert constants.chain().notes == ()
-    slide, *_ = constants.springs
-    assert slide == SlideSprings(2e7, (5e6, 5e6))
-    specimen_slide, *_ = specimen_springs(constants, 3)
-    assert 0.5 < specimen_slide.drive / slide.drive < 2.0 and specimen_slide.drive != slide.drive
+    slide, other_slide = (specimen_law(constants, number).compliance[0, :3] for number in (0, 3))
+    np.testing.assert_allclose(slide[:, 0], 1.0 / np.array([2e7, 5e6, 5e6]))
+    assert (np.abs(np.log(other_slide / slide)) < 0.7).all() and (other_slide != slide).all()
+
+
+def test_a_drive_alone_gives_force_over_stiffness_along_the_track(tmp_path):
+    rigid = '[[joint]]\ngear = {rigidity_Nm_per_rad = 1e10, rated_Nm = 1e9}\n'
+    rigid += "structure_Nm_per_rad = inf\ntilting_ratio = inf\n"
+    slide = "[[joint]]\ndrive_N_per_m = 1e5\nguide_Nm_per_rad = inf\n"
+    twin = DigitalTwin.in_world(on_a_track(tmp_path, slide + 6 * rigid), 0, "clean")
+    moved = twin.truth(np.full((1, 7), 0.3), np.array([[60.0, 20.0, -60.0, 3.0, -4.0, 2.0]]))
+    np.testing.assert_allclose(moved, [[60.0 / 1e5, 0.0, 0.0]], atol=1e-6)
 
 
 def test_a_twin_on_a_track_moves_along_it_and_records_millimetres(tmp_path):
@@ -144,3 +158,25 @@ def test_a_twin_on_a_track_moves_along_it_and_records_millimetres(tmp_path):
 def test_a_track_without_its_own_table_is_refused(tmp_path, joints, words, message):
     with pytest.raises(DataError, match=rf"my\.toml: .*{message}"):
         on_a_track(tmp_path, joints, words).chain()
+
+
+def test_a_world_whose_links_bend_needs_sections(tmp_path):
+    path = write(tmp_path, TOP + 6 * JOINT)
+    with pytest.raises(DataError, match=r"t: no table \[beams\].*structure and all need"):
+        RobotTwin(constants=path, poses=2, world="structure").load()
+
+
+def test_impossible_tubes_are_named(tmp_path):
+    with pytest.raises(DataError, match=r"segment.1.*wall_m 0.2 is more than half"):
+        read_constants(write(tmp_path, TOP + 6 * JOINT + BEAMS.replace("0.01", "0.2", 1)))
+    with pytest.raises(DataError, match=r"8 tables \[\[beams.segment\]\] for 6 joints \(valid: 7"):
+        read_constants(write(tmp_path, TOP + 6 * JOINT + BEAMS)).chain()
+
+
+def test_a_robot_without_masses_makes_no_twin(tmp_path):
+    urdf = (files("stiff_datasets") / "robots" / "ur5.urdf").read_text(encoding="utf-8")
+    bare = "".join(part.split("</inertial>")[-1] for part in urdf.split("<inertial>"))
+    (tmp_path / "bare.urdf").write_text(bare, encoding="utf-8")
+    constants = read_constants(write(tmp_path, TOP.replace('"ur5"', '"bare.urdf"') + 6 * JOINT))
+    with pytest.raises(DataError, match=r"my\.toml: no link of bare\.urdf has a mass"):
+        constants.chain()

@@ -1,0 +1,135 @@
+"""A parametric law of every joint's spring: three slopes and lost motion, solved by ridge.
+
+18 virtual springs (three per joint) turn under the torque of the load. A spring across a joint's
+axis is linear. A joint's own spring has a curve of the torque tau of weights and load
+
+    phi(tau) = c1 tau + c2 clip(tau, -T1, T1) + c3 clip(tau, -T2, T2)
+               + sum over h of m_h T atan(tau / (h T)),
+
+with its slopes' ends T1 and T2 at thirds of the training torques and its largest training torque T.
+The deflection is measured loaded minus unloaded, d = sum_s a_s [phi_s(tau_g + tau) - phi_s(tau_g)],
+which is linear in all coefficients. They are small in units of a typical compliance; the strength
+of this penalty is chosen on left-out poses. It is the yardstick for models that learn a curve: a
+Gaussian process or a network must be better. SI: rad, N, N m, m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from stiff_models.physics.fitted_geometry import GeometryModel
+from stiff_models.physics.full_vjm import spring_columns, spring_twists, typical_springs
+from stiff_models.physics.vjm import warn_no_masses
+from stiff_models.pose_folds import folds_of_poses
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import joint_torque, unit_deflections
+
+SPRINGS_PER_JOINT: Literal[3] = 3
+WIDTHS = (0.02, 0.1)
+"""h, share of the largest torque within which lost motion is taken up."""
+STRENGTHS = np.geomspace(1e-6, 1e2, 17)
+"""Penalties to choose from, in units of the mean square of a column."""
+LINE_SHARE = 0.01
+"""Share of the penalty on straight lines, which every spring has."""
+DEGREES_OF_FREEDOM, ROUNDS = 4.0, 10
+"""Of Student's t distribution, and of its reweighting (Lange, Little and Taylor 1989)."""
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class CurveSprings(GeometryModel):
+    """Springs with three slopes and lost motion about the joints, and linear springs across them.
+
+    Attributes:
+        weights: weights of the samples: "equal", or "student": less for samples with large errors.
+        ends_: (2, n_joints) T1 and T2, N m or N.
+        torque_: (n_joints,) T, N m or N.
+        coefficients_: (n_columns,) coefficients.
+        scale_: typical compliance of a spring over the prior's.
+        diagnostics_: number of coefficients, penalty, and the fitted geometry.
+    """
+
+    weights: Literal["equal", "student"] = "equal"
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        twists_of = partial(spring_twists, springs=SPRINGS_PER_JOINT)
+        train, robot = self._placed(train, robot, twists_of, unit_deflections)
+        warn_no_masses(robot)
+        own = self._torques(robot, train.q, train.wrench)
+        size = np.abs(np.vstack(own))
+        self.torque_ = np.maximum(size.max(axis=0), np.finfo(float).tiny)
+        self.ends_ = np.quantile(size, [1.0 / 3.0, 2.0 / 3.0], axis=0)
+        lines = unit_deflections(twists_of(robot, train.q), train.wrench)
+        typical = lines @ typical_springs(robot, SPRINGS_PER_JOINT)
+        self.scale_ = float((typical * train.deflection).sum() / ((typical**2).sum() or 1.0)) or 1.0
+        columns = self._columns(robot, train.q, train.wrench)
+        errors = np.zeros(len(STRENGTHS))
+        for fitted, left_out in folds_of_poses(train, seed):
+            deflection = train.deflection[fitted]
+            for number, strength in enumerate(STRENGTHS):
+                guess = self._solved(columns[fitted], deflection, strength)
+                error = columns[left_out] @ guess - train.deflection[left_out]
+                lengths = np.linalg.norm(error, axis=1)
+                errors[number] += float(
+                    (lengths if self.weights == "student" else lengths**2).sum()
+                )
+        strength = float(STRENGTHS[errors.argmin()])
+        self.coefficients_ = self._solved(columns, train.deflection, strength)
+        self.diagnostics_ = {
+            "coefficients": float(columns.shape[2]),
+            "penalty": strength,
+            **self._geometry_report(),
+        }
+
+    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return np.asarray(self._columns(robot, q, wrench) @ self.coefficients_)
+
+    def _torques(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the (n, n_joints) torques [N m or N] on the joints without and with the load."""
+        unloaded = robot.gravity_torque(q)
+        return unloaded, unloaded + joint_torque(robot.jacobian(q), wrench)
+
+    def _columns(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3, n_columns) deflection [m] by each part, at a typical compliance.
+
+        The lines of all springs come first.
+        """
+        typical = self.scale_ * typical_springs(robot, SPRINGS_PER_JOINT)
+        twists = spring_twists(robot, q, SPRINGS_PER_JOINT)
+        lines = unit_deflections(twists, wrench) * typical
+        kind = np.array(spring_columns(robot, SPRINGS_PER_JOINT)) % SPRINGS_PER_JOINT
+        own = kind == SPRINGS_PER_JOINT - 1
+        move = twists[:, :3, own] * typical[own]
+        unloaded, loaded = self._torques(robot, q, wrench)
+        parts = [
+            *(np.clip(loaded, -end, end) - np.clip(unloaded, -end, end) for end in self.ends_),
+            *(
+                self.torque_
+                * (
+                    np.arctan(loaded / (h * self.torque_))
+                    - np.arctan(unloaded / (h * self.torque_))
+                )
+                for h in WIDTHS
+            ),
+        ]
+        return np.concatenate([lines, *(move * part[:, None] for part in parts)], axis=2)
+
+    def _solved(self, columns: FloatArray, deflection: FloatArray, strength: float) -> FloatArray:
+        """Return the (n_columns,) coefficients of (n, 3, n_columns) and (n, 3) deflections [m]."""
+        n, _, n_columns = columns.shape
+        n_lines = len(self.torque_) * SPRINGS_PER_JOINT
+        shares = np.where(np.arange(n_columns) < n_lines, LINE_SHARE, 1.0)
+        penalty = np.diag(strength * shares * float((columns**2).mean()) * n)
+        rows, target, weights = columns.reshape(-1, n_columns), deflection.reshape(-1), np.ones(n)
+        for _ in range(ROUNDS if self.weights == "student" else 1):
+            weighed = rows * np.repeat(weights, 3)[:, None]
+            solved = np.linalg.solve(weighed.T @ rows + penalty, weighed.T @ target)
+            squares = ((target - rows @ solved) ** 2).reshape(n, 3).mean(axis=1)
+            middle = float((weights * squares).mean()) or 1.0
+            weights = (DEGREES_OF_FREEDOM + 3.0) / (DEGREES_OF_FREEDOM + 3.0 * squares / middle)
+        return np.asarray(solved)
