@@ -83,7 +83,6 @@ SMALL: Options = {
     "width": 16,
     "epochs": 5,
     "pretrain_steps": 5,
-    "source_samples": 24,
     "trees": 20,
     "members": 2,
 }
@@ -111,6 +110,7 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
     "vjm-full": tuple(
         {"springs": springs, "solver": solver} for springs in (3, 6) for solver in ("nnls", "ridge")
     ),
+    "curve-springs": ({}, {"weights": "student"}, {"tcp": "fit"}),
     "mlp": (
         {},
         {"training": "normal"},
@@ -140,7 +140,6 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         {"preset": "paper"},
     ),
     "adann-2r": ({}, {"supervision": "labels"}, OTHER_SOURCE),
-    "tradaboost": ({"steps": 4}, OTHER_SOURCE),
     "compliance-net": (
         LEARNS,
         {"recipe": "paper"},
@@ -150,7 +149,6 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
     "residual-mlp": PHYSICS,
     "gp": ({}, {"kernel": "rbf"}, {"ard": False}, {"restarts": 0, "search_rows": 20}),
     "vjm-gp": PHYSICS,
-    "mf-gp": ({}, {"ard": False, "restarts": 1}, OTHER_SOURCE),
     # without vjm-full: with it, rounding flips a tree's split
     "vjm-boosting": (*PHYSICS[:2], {"leaves": 3, "leaf_samples": 2, "learning_rate": 0.2}),
 }

@@ -8,16 +8,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
+from typing import Literal, get_args
 
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.extras import missing
 from stiff_protocols.contract.plugin import ModelFamily, ModelInfo
 
+SpringModel = Literal["vjm", "vjm-multisegment", "vjm-full", "curve-springs", "gp-springs"]
+"""Keys of the spring models, which other families build on."""
+
 _QUICK_NETWORK = {"width": 16, "epochs": 20}
 _QUICK_PROCESS = {"restarts": 0, "ard": False}
 _LAYERS = ("1", "2", "3", "4", "out")  # of the base network, as `freeze=layers:` names them
 _KERNELS = {"kernel": ("matern", "rbf"), "ard": (True, False)}
-_PHYSICS = {"physics": ("vjm", "vjm-multisegment", "vjm-full")}
+_PHYSICS = {"physics": get_args(SpringModel)}
 _QUICK_SOURCE = {"width": 16, "pretrain_steps": 20}
 
 REFERENCE_MODEL = "vjm"
@@ -147,16 +151,6 @@ MODELS = (
         grids={"default": {"adversarial_weight": (0.0, 0.1, 0.3, 1.0)}},
     ),
     ModelInfo(
-        key="tradaboost",
-        target="stiff_models.regressors.tradaboost:TrAdaBoost",
-        version=2,
-        summary="boosting of simulated and measured samples that drops what they contradict",
-        equation="d = median of boosted learners on simulated and measured samples",
-        reference="two-stage TrAdaBoost.R2, Pardoe and Stone 2010",
-        quick={"source_samples": 32, "steps": 3, "rounds": 1},
-        grids={"default": {"source_samples": (300, 1000), "learner": ("kernel-ridge", "tree")}},
-    ),
-    ModelInfo(
         key="compliance-net",
         target="stiff_models.transfer.compliance_net:ComplianceNet",
         version=4,
@@ -205,15 +199,6 @@ MODELS = (
         equation="d = physics(q, w) + GP(sin q, cos q, w)",
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS, "physics": _PHYSICS},
-    ),
-    ModelInfo(
-        key="mf-gp",
-        target="stiff_models.regressors.mf_gp:MultiFidelityGp",
-        version=5,
-        summary="co-kriging of simulated (VJM) and measured samples, with prediction intervals",
-        equation="d = rho GP_simulated(q, w) + GP(q, w)",
-        reference="Kennedy and O'Hagan 2000; Le Gratiet and Garnier 2014",
-        quick=_QUICK_PROCESS | {"source_samples": 16},
     ),
     ModelInfo(
         key="vjm-boosting",
@@ -294,6 +279,11 @@ def model_info(key: str) -> ModelInfo:
         if key.startswith(family.prefix):
             return family.member(key)
     raise unknown_name("model", key, [info.key for info in MODELS])
+
+
+def is_spring_model(name: str) -> bool:
+    """Return True for a spring model with any options, such as `vjm-full@tcp=fit`."""
+    return name.partition("@")[0] in get_args(SpringModel)
 
 
 def missing_pytabkit() -> str:

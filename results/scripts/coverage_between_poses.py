@@ -15,10 +15,11 @@ import numpy as np
 from tabulate import tabulate
 
 import stiffbench as sb
+from planned_poses import measured
 from stiff_bench.analysis.pose_plans import PlanOptions, first_plan
 from stiff_bench.plan.options import held_data
 from stiff_datasets.twin.constants import shipped_constants
-from stiff_datasets.twin.twin import TwinExperiment
+from stiff_datasets.twin.twin import DigitalTwin
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
 
@@ -107,11 +108,9 @@ def planned(twin: str, n_poses: int) -> sb.Dataset:
     constants = shipped_constants(twin)
     robot = constants.robot()
     how = PlanOptions(n_poses, None, CANDIDATES, constants.payload_kg, CLEARANCE, 0)
-    plan = first_plan(robot, None, how).plan
-    experiment = TwinExperiment(constants, loads="omni", specimen=0, seed=0)
-    q = experiment.logged_q(plan)
-    samples = experiment.recorded(plan, plan.wrench, experiment.twin.readings(q, plan.wrench))
-    data = BenchmarkData(samples, robot, under_load=experiment.twin.readings)
+    samples = measured(constants, first_plan(robot, how).plan, 0)
+    under_load = DigitalTwin.in_world(constants, 0, "clean").truth
+    data = BenchmarkData(samples, robot, under_load=under_load)
     return sb.Dataset(held_data(data, f"{twin}, {n_poses} poses"))
 
 

@@ -10,17 +10,17 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from tabulate import tabulate
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.planning.poses import Poses
-from stiff_datasets.twin.constants import TwinConstants, shipped_constants, specimen_springs
+from stiff_datasets.twin.constants import TwinConstants, shipped_constants
+from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 from stiff_datasets.twin.robot_twin import random_poses
-from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
+from stiff_datasets.twin.twin import DigitalTwin
 from stiff_models.model_catalog import model_info
 from stiff_models.physics.fitted_geometry import fitted_geometry, moved_twists, moved_wrench
 from stiff_models.physics.full_vjm import spring_twists
@@ -143,11 +143,11 @@ def falsified(constants: TwinConstants, poses: Poses, offset: FloatArray) -> Ben
 
     The tool that paths are for is at the card's TCP, and so are its loads.
     """
-    robot, springs = constants.robot(), specimen_springs(constants, 0)
-    experiment = TwinExperiment(constants, loads="omni", specimen=0, seed=0)
-    experiment.twin = DigitalTwin(replace(robot, tcp=robot.tcp + offset), springs)
-    samples = experiment.samples(poses)
-    measured = BenchmarkData(samples, robot, {}, DigitalTwin(robot, springs).readings)
+    tool = DigitalTwin.in_world(constants, 0, "clean")
+    x, y, z = constants.tcp_m + tool.description.flange[:3, :3].T @ offset
+    elsewhere = constants.model_copy(update={"tcp_m": (x, y, z)})
+    samples = TwinExperiment(elsewhere, specimen=0, seed=0).samples(poses)
+    measured = BenchmarkData(samples, tool.description, under_load=tool.truth)
     return PathCompensation().prepared(measured)
 
 

@@ -15,8 +15,8 @@ from stiff_bench.analysis.pose_plans import Measured, PlanOptions, next_plan
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.whole_fit import whole_fit
 from stiff_datasets.planning.plan import MeasurementPlan, candidate_plan
-from stiff_datasets.twin.constants import shipped_constants
-from stiff_datasets.twin.twin import TwinExperiment
+from stiff_datasets.twin.constants import TwinConstants, shipped_constants
+from stiff_datasets.twin.experiment import TwinExperiment, recorded_deflection, recorded_wrench
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.types import Samples
 
@@ -35,6 +35,15 @@ class Outcome:
     errors: tuple[float, float, float]  # mean 3-D, mm: before, with random poses, with the plan
 
 
+def measured(constants: TwinConstants, plan: MeasurementPlan, seed: int) -> Samples:
+    """Return a twin's samples at the poses of a plan, under its loads."""
+    experiment = TwinExperiment(constants, specimen=0, seed=seed)
+    rng, noise = experiment.stream("noise"), constants.noise
+    deflection = experiment.twin.truth(experiment.logged_q(plan), plan.wrench)
+    wrench = recorded_wrench(plan.wrench, noise, rng)
+    return experiment.rows(plan, wrench, recorded_deflection(deflection, noise, rng))
+
+
 def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Outcome:
     constants, choice = shipped_constants(TWINS[twin]), Choice.of(model_info(model))
     robot = constants.robot()
@@ -42,18 +51,13 @@ def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Ou
     def random(n: int, seed: int) -> MeasurementPlan:
         return candidate_plan(robot, n, seed=seed, payload_kg=constants.payload_kg)
 
-    def measured(plan: MeasurementPlan, seed: int) -> Samples:
-        experiment = TwinExperiment(constants, loads="omni", specimen=0, seed=seed)
-        q = experiment.logged_q(plan)
-        return experiment.recorded(plan, plan.wrench, experiment.twin.readings(q, plan.wrench))
-
-    samples = measured(random(n_measured, 1000 + seed), seed)
-    tested = measured(random(TESTED, 2000 + seed), 2000 + seed)
+    samples = measured(constants, random(n_measured, 1000 + seed), seed)
+    tested = measured(constants, random(TESTED, 2000 + seed), 2000 + seed)
     how = PlanOptions(n_new, None, CANDIDATES, constants.payload_kg, 0.2, seed)
     pose_plan = next_plan(Measured("my.csv", samples, robot, choice), how)
 
     def error(*new: MeasurementPlan) -> float:
-        parts = (measured(plan, 3000 + seed) for plan in new)
+        parts = (measured(constants, plan, 3000 + seed) for plan in new)
         fitted, _ = whole_fit(choice, Samples.together(samples, *parts), robot)
         predicted = fitted.predict(tested.q, tested.wrench)
         return float(np.linalg.norm(predicted - tested.deflection, axis=1).mean() * 1000.0)

@@ -22,7 +22,7 @@ from stiff_models.physics import full_vjm
 STORED_ENTRIES: dict[str, Any] = json.loads(GOLDEN_FILE.read_text())
 
 
-LONG = ("dt-cnn", "ft-mlp", "mlp-pretrained", "deep-ensemble", "compliance-net", "tradaboost")
+LONG = ("dt-cnn", "ft-mlp", "mlp-pretrained", "deep-ensemble", "compliance-net")
 """Models whose many variants take seconds."""
 
 

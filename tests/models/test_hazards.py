@@ -30,13 +30,11 @@ TINY = {
     "epochs": 3,
     "pretrain_steps": 3,
     "source_poses": "sobol",
-    "source_samples": 16,
     "members": 2,
     "ard": False,
     "restarts": 0,
     "trees": 5,
     "n_estimators": 5,
-    **{"steps": 2, "rounds": 1, "folds": 2},  # of tradaboost
     "device": "cpu",
 }
 """Options that make a fit take milliseconds, for models that have them."""

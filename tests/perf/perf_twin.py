@@ -7,8 +7,7 @@ import pytest
 
 from helpers.perf_case import ours_or_peer
 from helpers.pinocchio_twin import elastic_pinocchio, torque_and_tcp
-from stiff_datasets.twin.constants import shipped_constants
-from stiff_datasets.twin.spring_law import SpringLaw
+from stiff_datasets.twin.constants import shipped_constants, specimen_law
 from stiff_datasets.twin.twin import TOLERANCE_NM, DigitalTwin
 from stiff_protocols.contract.types import FloatArray
 
@@ -24,8 +23,8 @@ def draw_samples(n: int) -> tuple[FloatArray, FloatArray]:
     return rng.uniform(-1.5, 1.5, size=(n, 6)), wrench
 
 
-def pinocchio_readings(q: FloatArray, wrench: FloatArray) -> FloatArray:
-    model, law = elastic_pinocchio(CHAIN), SpringLaw(CONSTANTS.springs)
+def pinocchio_deflections(q: FloatArray, wrench: FloatArray) -> FloatArray:
+    model, law = elastic_pinocchio(CHAIN), specimen_law(CONSTANTS, 0)
     data = model.createData()
 
     def loaded_tcp(pose: FloatArray, load: FloatArray) -> FloatArray:
@@ -44,13 +43,13 @@ def pinocchio_readings(q: FloatArray, wrench: FloatArray) -> FloatArray:
     )
 
 
-@pytest.mark.benchmark(group="digital twin, readings")
+@pytest.mark.benchmark(group="digital twin, deflections")
 @pytest.mark.parametrize("who", [*SAMPLES, LOOP])
-def test_readings(benchmark, who):
-    twin, n = DigitalTwin(CONSTANTS.robot(), CONSTANTS.springs), SAMPLES.get(who, 200)
-    way = pinocchio_readings if who == LOOP else twin.readings
+def test_deflections(benchmark, who):
+    twin, n = DigitalTwin.in_world(CONSTANTS, 0, "clean"), SAMPLES.get(who, 200)
+    way = pinocchio_deflections if who == LOOP else twin.truth
     np.testing.assert_allclose(
-        way(*draw_samples(20)), twin.readings(*draw_samples(20)), rtol=0, atol=1e-13
+        way(*draw_samples(20)), twin.truth(*draw_samples(20)), rtol=0, atol=1e-13
     )
     ours_or_peer(benchmark, who, work=n, unit="sample")
     benchmark.pedantic(way, draw_samples(n), rounds=5, warmup_rounds=1)

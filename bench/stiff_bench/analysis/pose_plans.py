@@ -251,7 +251,7 @@ def next_plan(
     if not (measured.is_process or model.info.key == REFERENCE_MODEL):
         raise ConfigError(
             f"{model.name!r} cannot estimate the gain of a pose (valid: {REFERENCE_MODEL} for "
-            "joint springs, gp-springs, gp, vjm-gp, mf-gp)",
+            "joint springs, gp-springs, gp, vjm-gp)",
             "model",
         )
     if measured.is_process and criterion != "i-optimal":

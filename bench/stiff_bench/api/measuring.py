@@ -73,7 +73,7 @@ def plan_poses(
         robot: robot to measure: a shipped name or a `Robot`; by default the KR10.
         after: measurement so far (.csv, .xlsx or .parquet); the plan has the next poses.
         model: model to choose poses for, with `after`: joint springs (vjm, the default), or
-            gp-springs, gp, vjm-gp or mf-gp with their own intervals.
+            gp-springs, gp or vjm-gp with their own intervals.
         workspace: file (.csv) of poses and wrenches that predictions are needed for, with `after`;
             by default all that the robot can reach.
         no_torque: torques were not measured: their columns may be missing, or zero.

@@ -39,7 +39,8 @@ _NEEDS = (
 Spring = tuple[FloatArray, FloatArray]
 """Torques at the breakpoints of an odd, piecewise linear spring, N m (N), and its stiffnesses.
 
-The stiffness of each segment is in N m/rad (N/m). It is the prior's if it was not identifiable.
+The stiffness of each segment is in N m/rad (N/m). It is the prior's if it was not identifiable,
+and NaN if no training sample's torque reaches the segment.
 """
 
 
@@ -67,7 +68,7 @@ def springs_figure(
         axes.set_ylabel("deflection [mrad]" if turns else "deflection [mm]")
         axes.set_title(short(data.robot.joint_names[joint]), loc="left")
     name_panels(panels)
-    share_legend(figure, panels[:1])
+    share_legend(figure, panels)
     return figure
 
 
@@ -112,6 +113,9 @@ def _draw_curves(
         axes.plot(
             points[:, 0], 1e3 * points[:, 1], color=blue.color, linewidth=0.5, alpha=SPLIT_ALPHA
         )
+    if not curves:
+        axes.text(0.5, 0.5, "no torque in the samples", ha="center", transform=axes.transAxes)
+        return np.zeros(1)
     at: FloatArray
     at, turn, deviation = curves[0].T
     low, high = 1e3 * (turn - reach * deviation), 1e3 * (turn + reach * deviation)
@@ -148,7 +152,7 @@ def springs(source: FigureSource) -> Prepared:
         about = (
             f"Deflection of each joint by a torque that loads it from rest, as predicted by {model}"
             f"{truth_note} (thin: other splits; band: {BAND:.0%} interval of the first). A panel "
-            "ends at the largest torque of load and weight in the training samples."
+            "covers the torques of load and weight in the training samples."
         )
         draw = partial(_draw_curves, stored, results, truth)
     else:
@@ -173,20 +177,15 @@ def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:
 
 def _spring(diagnostics: Mapping[str, float], data: StoredData, joint: int) -> Spring:
     name, unit = data.robot.joint_names[joint], data.torque_units[joint]
-    segments = _numbered(diagnostics, lambda number: _stiffness(data, joint, f" segment {number}"))
-    stiffness = [
-        diagnostics.get(f"prior {key}", np.nan) if np.isnan(diagnostics[key]) else diagnostics[key]
-        for key in segments
-    ]
-    bends = _numbered(
-        diagnostics, lambda number: spring_key("breakpoint", f"{name} {number}", unit)
-    )
-    return np.array([diagnostics[key] for key in bends]), np.array(stiffness)
-
-
-def _numbered(diagnostics: Mapping[str, float], name: Callable[[int], str]) -> list[str]:
-    """Return the keys for the numbers 1, 2, ... up to the first missing key."""
-    return list(takewhile(diagnostics.__contains__, map(name, count(1))))
+    numbered = (spring_key("breakpoint", f"{name} {number}", unit) for number in count(1))
+    bends = [diagnostics[key] for key in takewhile(diagnostics.__contains__, numbered)]
+    stiffness = []
+    for number in range(1, len(bends) + 2):
+        key = _stiffness(data, joint, f" segment {number}")
+        prior = diagnostics.get(f"prior {key}", np.nan)
+        identified = diagnostics.get(key, np.nan)
+        stiffness.append(prior if np.isnan(identified) else identified)
+    return np.array(bends), np.array(stiffness)
 
 
 def _deflection(torque: FloatArray, spring: Spring) -> FloatArray:

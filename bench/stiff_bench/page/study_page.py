@@ -63,7 +63,7 @@ def study_leaderboard(
     """
     if study.board is None:
         raise ConfigError(f"{study.file}: [board] is missing: it names the protocol of the board")
-    return StudyLeaderboard(stored, study.board, study.groups, statuses)
+    return StudyLeaderboard(stored, study.board, statuses)
 
 
 def _leaderboard(results: StudyResults) -> list[Table]:

@@ -63,7 +63,7 @@ class Study:
         coverage: nominal coverage of prediction intervals; None: 0.9 if a metric needs them.
         tables: names of the tables on the page (`study_page.TABLES`).
         figures: names of the figures on the page; `bench list figures` lists them.
-        groups: name -> data sets. Runs may name groups; tables have a column per group.
+        groups: name -> data sets. Runs may name groups.
         board: settings of table "leaderboard"; None: as `bench leaderboard` prints it.
         lite: data sets of the short version of the study (`lite_version`).
         file: file of the study; errors name it.

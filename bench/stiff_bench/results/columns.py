@@ -121,8 +121,7 @@ CHANGE = Column(
     is_change=True,
     value=lambda row: change(number(row, "ratio")),
 )
-P_REFERENCE = _number_column("p against the VJM", "p", ".2g")
-P_BEST = _number_column("p against the best", "p best", ".2g")
+VERDICT_RIVAL = Column("against it", "text", value=itemgetter("verdict rival"))
 LIKE_BEST_TEXT = Column(
     f"within {EQUAL_TEXT} of the best",
     "text",
@@ -180,21 +179,50 @@ def board_tables(
     ]
     title = f"Error over the VJM's, geometric mean over {scores.scope}"
     ratios = model_table(scores, complete, title, notes)
+    rival = rows[0]["rival"]
     certainty = Table.of(
-        f"How sure, over {scores.scope}",
-        [MODEL_KEY, P_REFERENCE, P_BEST, LIKE_BEST_TEXT, WITHOUT_ONE],
+        f"How sure, over {scores.scope}; the best spring model is {rival}",
+        [MODEL_KEY, VERDICT_RIVAL, LIKE_BEST_TEXT, WITHOUT_ONE],
         rows,
         [
-            "p: all choices of signs of the robots' differences, corrected (Holm) for all models.",
+            f"against it: verdict on a model and {rival}; sign flips over robots, Holm.",
             f"within {EQUAL_TEXT}: shown by two one-sided t tests.",
         ],
         about={"table": "certainty"},
     )
     board = replace(ratios, about={"table": "board"})
-    tables = [board, _further_table(table, rows), certainty]
+    tables = [board, *_world_tables(table, rows), _further_table(table, rows), certainty]
     if pairs := control_rows(scores, controls):
         tables.append(_control_table(pairs))
     return [part for part in tables if len(part.columns) > 1]
+
+
+def _world_tables(table: DataFrame, rows: Sequence[Row]) -> Iterator[Table]:
+    """Yield the table of ratios by world, with intervals and without verdicts."""
+
+    def of_world(name: str) -> Column:
+        def value(row: Row) -> Entry:
+            if (ratio := number(row, ("world", name))) is None:
+                return None
+            low, high = (number(row, (f"world {end}", name)) for end in ("low", "high"))
+            return Quantity(ratio, low=low, high=high, ratio=ratio)
+
+        return Column(name, format=RATIO_FORMAT, value=value)
+
+    if names := _names(table, "world"):
+        floors = {name: number(rows[0], ("oracle", name)) for name in names}
+        oracle = ", ".join(f"{name} {floor:.2f}" for name, floor in floors.items() if floor)
+        yield Table.of(
+            "Error over the VJM's by world",
+            [MODEL_KEY, *map(of_world, names)],
+            rows,
+            [
+                f"in brackets: {INTERVAL} over robots; no test is made here.",
+                "oracle, which knows all but noise and state of friction, against readings: "
+                f"{oracle} times the VJM's error.",
+            ],
+            about={"table": "worlds"},
+        )
 
 
 def _names(table: DataFrame, kind: str) -> list[str]:
@@ -227,15 +255,19 @@ def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[st
 
 
 def _further_table(table: DataFrame, rows: Sequence[Row]) -> Table:
-    single = {"p95": "95th percentile", "path": "tool paths", "noise": "noise"}
+    single = {
+        **{"p95": "95th percentile", "path": "tool paths", "readings": "readings"},
+        **{"noise": "noise", "without clean": "without clean"},
+    }
     keys: dict[Any, str] = {
         **{key: name for key, name in single.items() if any(number(row, key) for row in rows)},
-        **{(kind, name): name for kind in ("few", "group") for name in _names(table, kind)},
+        **{("few", name): name for name in _names(table, "few")},
     }
     notes = {
         f"All numbers{' except noise' * ('noise' in keys)} are over the VJM's.": len(keys) > 1,
         "tool paths: error left after the correction.": "path" in keys,
         "noise: over the error of the instrument's noise.": "noise" in keys,
+        "readings: the error against the tracker's readings, with their noise.": "readings" in keys,
     }
     return Table.of(
         "Other numbers of the same models, geometric means over robots",

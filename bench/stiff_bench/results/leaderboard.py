@@ -21,7 +21,7 @@ from stiff_bench.results.notes import (
     sources,
 )
 from stiff_bench.results.scored_task import SortKey, sort_key
-from stiff_bench.results.scores import Scores, model_frame
+from stiff_bench.results.scores import Scores, complete_logs, model_frame
 from stiff_bench.results.selection import EVERYTHING, BoardSettings, Selection
 from stiff_bench.results.summary import (
     Summary,
@@ -36,6 +36,7 @@ from stiff_bench.tables.units import first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
+from stiff_protocols.scoring.over_robots import ROUNDING
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -199,13 +200,11 @@ class StudyLeaderboard:
     Attributes:
         every: results of the study.
         settings: settings of the study.
-        groups: data sets with a separate column, by its name.
         statuses: model -> "verified" or "reported"; empty: no column of status.
     """
 
     every: StoredResults
     settings: BoardSettings
-    groups: Mapping[str, Collection[str]] = field(default_factory=dict)
     statuses: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
@@ -213,9 +212,9 @@ class StudyLeaderboard:
         """Return the results, with one name for all pre-training seeds of a model."""
         return merge_training_seeds(self.every)
 
-    def _scores(self, protocol: str, names: Collection[str]) -> Scores:
+    def _scores(self, protocol: str, names: Collection[str], metric: str = "") -> Scores:
         tasks = [task for task in self.stored.tasks if task.name.protocol == protocol]
-        return Scores.of(self.stored, sort_key(), tasks, names)
+        return Scores.of(self.stored, sort_key(metric or self.settings.metric), tasks, names)
 
     @cached_property
     def _names(self) -> set[str]:
@@ -226,6 +225,12 @@ class StudyLeaderboard:
     def scores(self) -> Scores:
         """Return the scores of the main models."""
         return self._scores(self.settings.protocol, self._names)
+
+    @cached_property
+    def readings(self) -> Scores:
+        """Return the scores of the main models and variants against readings."""
+        names = self._names.union(self.settings.variants)
+        return self._scores(self.settings.protocol, names, "norm")
 
     @cached_property
     def few(self) -> dict[str, Scores]:
@@ -241,9 +246,14 @@ class StudyLeaderboard:
         Raises:
             ConfigError: fewer than five robots have results of a model.
         """
-        table = model_frame(self.scores, self.few, self.groups)
+        table = model_frame(self.scores, self.few, self.readings)
         if "won" not in table:
             raise ConfigError("no model has all results on five robots: the study is not finished")
+        logs = complete_logs(self.scores)
+        for name, control in self.settings.controls.items():
+            if {name, control} <= {*logs} and (logs[name] - logs[control]).abs().max() < ROUNDING:
+                is_equal = table["model"] == name
+                table.loc[is_equal, ["mark", "won"]] = f"= {control}", 0.0
         if self.statuses:
             statuses = [self.statuses.get(name, VERIFIED) for name in table["model"]]
             table = table.assign(status=statuses)
@@ -256,21 +266,32 @@ class StudyLeaderboard:
 
     @cached_property
     def summary(self) -> Summary:
-        """Return the sentences; a withdrawn claim is replaced."""
-        summary = summarize(self.scores, self.frame)
-        return replace(summary, headline=self.settings.withdrawn or summary.headline)
+        """Return the sentences."""
+        return summarize(self.scores, self.frame)
 
     @cached_property
     def tables(self) -> list[Table]:
         """Return headline, board, measured data, variants and extras; errors as `frame`."""
         plan, controls = (self.settings.protocol, ""), self.settings.controls
         board, *tables = plan_tables(self.scores, plan, self.frame, controls)
-        board = replace(board, title=self.settings.withdrawn or board.title)
         if self.statuses:
             board = replace(board, notes=[*board.notes, STATUS_NOTE])
-        measured = [*chain.from_iterable(self.scores.measured.values())]
-        tables += dataset_tables(self.scores.over(measured))
+        tables += self._measured_tables()
         return [board, *tables, *self._variant_tables(), *self._extra_tables()]
+
+    def _measured_tables(self) -> Iterator[Table]:
+        """Yield the tables of measured data sets: estimates without verdicts."""
+        tasks = [*chain.from_iterable(self.readings.measured.values())]
+        for table in dataset_tables(self.readings.over(tasks)):
+            columns = [column for column in table.columns if column.name != "verdict"]
+            kept_columns = [table.columns.index(column) for column in columns]
+            rows = [[row[place] for place in kept_columns] for row in table.rows]
+            notes = [
+                "exploratory: tcp=fit and a prior of vjm-full were chosen on these samples, so no "
+                "verdicts are given.",
+                *table.notes,
+            ]
+            yield replace(table, columns=columns, rows=rows, notes=notes)
 
     def _variant_tables(self) -> Iterator[Table]:
         """Yield the tables of variants and their controls, in the tasks of a variant."""
@@ -281,13 +302,12 @@ class StudyLeaderboard:
         names = {*variants, *chain.from_iterable(pairs), REFERENCE_MODEL}
         every = self._scores(settings.protocol, names)
         scores = every.over([task for task in every.tasks if variants.intersection(task.scores)])
+        if not scores.tasks:
+            return
         few = {heading: self._scores(settings.few[heading], names) for heading in self.few}
-        datasets = {*scores.rows["dataset"]}
-        groups = {name: of for name, of in self.groups.items() if datasets.intersection(of)}
-        table = model_frame(scores, few, groups)
+        table = model_frame(scores, few, self.readings)
         for part in board_tables(scores, table, dict(pairs), split_notes(scores, table)):
-            title = f"Variants, on {', '.join(map(repr, groups))}: {part.title}"
-            yield replace(part, title=title, about={"table": "variants"})
+            yield replace(part, title=f"Variants: {part.title}", about={"table": "variants"})
 
     def _extra_tables(self) -> Iterator[Table]:
         """Yield the table of models that need more packages, on the averaged robots."""

@@ -33,7 +33,14 @@ from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 from stiff_protocols.contract.record import PATH_ERROR, CellResult
 from stiff_protocols.contract.types import AXES, BOUND_NAMES, FloatArray, Prediction
 from stiff_protocols.scoring.bootstrap import pose_errors
-from stiff_protocols.scoring.metrics import METRICS, Metric, absolute_errors, metric, norm_errors
+from stiff_protocols.scoring.metrics import (
+    METRICS,
+    Metric,
+    absolute_errors,
+    metric,
+    norm_errors,
+    true_errors,
+)
 from stiff_protocols.scoring.paired import ROPE_M
 
 NOISE_FLOOR = BOUND_NAMES["noise"]
@@ -42,6 +49,7 @@ SEED, SPECIMEN = "seed", "specimen"
 _ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray]] = {
     "mae": absolute_errors,
     "norm": norm_errors,
+    "true-norm": true_errors,
 }
 """Row errors by metric, for metrics that are means over rows: their poses can be resampled."""
 
@@ -129,7 +137,9 @@ def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
     return SortKey(chosen_metric, axis or "")
 
 
-_P95 = sort_key("norm-p95")
+READINGS = sort_key("norm")
+_P95 = {"true-norm": sort_key("true-p95")}
+"""Percentile by metric; all other metrics have the percentile of the error against readings."""
 
 
 def family_of(name: TaskName) -> str:
@@ -263,10 +273,14 @@ class ScoredTask(BriefFields):
     def rows(self) -> Iterator[dict[str, Any]]:
         """Yield a row per ranked model: what the task is, and its numbers.
 
-        `error` and `noise` are in the metric's unit, the percentile `p95` and the error left on
-        tool `path`s in m and mm; NaN: unknown.
+        `error` and `noise` are in the metric's unit, the percentile `p95` and the error against
+        `readings` in m, also of the `oracle`, the error left on tool `path`s in mm; NaN: unknown.
         """
-        noise = _mean(self.key, self.bounds(NOISE_FLOOR))
+        noise = math.nan  # has no meaning beside the true deflection
+        if self.key.metric.key not in _P95:
+            noise = _mean(self.key, self.bounds(NOISE_FLOOR))
+        oracle = _mean(READINGS, self.bounds(BOUND_NAMES["oracle"]))
+        p95 = _P95.get(self.key.metric.key, sort_key("norm-p95"))
         for model in self.scores:
             results = self.results[model]
             paths = [result.diagnostics.get(PATH_ERROR, math.nan) for result in results]
@@ -276,12 +290,15 @@ class ScoredTask(BriefFields):
                 "robot": self.data.robot.name,
                 "kind": self.kind,
                 "family": family_of(self.name),
+                "world": self.task.cell.dataset_params.get("world"),
                 "dataset": self.name.dataset,
                 "protocol": self.name.protocol,
                 "condition": self.name.condition,
                 "error": self.mean(model),
                 "error ratio": self.ratio(model),
-                "p95": _mean(_P95, results),
+                "p95": _mean(p95, results),
+                "readings": _mean(READINGS, results),
+                "oracle": oracle,
                 "path": float(np.mean(paths)),
                 "noise": noise,
             }

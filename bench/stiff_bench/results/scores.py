@@ -22,7 +22,7 @@ from stiff_bench.results.load import StoredResults, Task, model_names, newest_ta
 from stiff_bench.results.notes import mark_of
 from stiff_bench.results.scored_task import ScoredTask, SortKey, family_of, score_task
 from stiff_bench.store.names import grouped
-from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL, is_spring_model
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.scoring.over_robots import (
@@ -34,12 +34,17 @@ from stiff_protocols.scoring.over_robots import (
 from stiff_protocols.scoring.paired import LEVEL
 
 if TYPE_CHECKING:
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
 FEWEST_ROBOTS = 5
 """Smallest number of robots with an interval over them."""
-PLAN = ["robot", "family", "protocol"]
-"""Columns of a vote: each data set and protocol of a robot has the same weight."""
+VOTE = ["robot", "vote"]
+"""Columns of a vote: each world of a simulated robot has the same weight, and so has each data set
+and protocol without a world."""
+PLAN = [*VOTE, "family", "protocol"]
+"""Columns of a data set and protocol, which have the same weight in a world."""
+CLEAN = "clean"
+"""World of simulated robots in which no real robot lives; a further score leaves it out."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,7 +95,7 @@ class Scores(BriefFields):
         with_scores = [task for task in scored if task.scores]
         if not with_scores:
             raise ConfigError(f"no model has a score of {key.text}")
-        return cls(key, tuple(sorted(with_scores, key=lambda task: task.kind != "measured")))
+        return cls(key, tuple(sorted(with_scores, key=lambda t: t.kind != "measured")))
 
     def over(self, tasks: Sequence[ScoredTask]) -> Scores:
         """Return the scores in some of the tasks."""
@@ -114,17 +119,21 @@ class Scores(BriefFields):
     def frame(self) -> DataFrame:
         """Return a row per task and ranked model, with ratios to the VJM's numbers.
 
-        Columns of `ScoredTask.rows`, and `p95 ratio`, `path ratio` and `noise ratio` (error over
-        noise); NaN: a number is missing.
+        Columns of `ScoredTask.rows`, `vote`, and `p95 ratio`, `path ratio`, `readings ratio` and
+        `noise ratio` (error over noise) and `oracle ratio` (the oracle's error over the VJM's, both
+        against readings); NaN: a number is missing.
         """
         from pandas import DataFrame  # slow, and a single task needs no frame
 
         frame = DataFrame([row for task in self.tasks for row in task.rows()])
         of_vjm = frame[frame["model"] == REFERENCE_MODEL].set_index("task")
-        for name in ("p95", "path"):
+        for name in ("p95", "path", "readings"):
             reference = frame["task"].map(of_vjm[name])
             frame[f"{name} ratio"] = frame[name] / reference.where(reference > 0.0)
+        frame["oracle ratio"] = frame["oracle"] / frame["task"].map(of_vjm["readings"])
         frame["noise ratio"] = frame["error"] / frame["noise"].where(frame["noise"] > 0.0)
+        of_data = frame["family"] + " " + frame["protocol"]
+        frame["vote"] = frame["world"].astype(object).fillna(of_data)
         return frame
 
     @cached_property
@@ -181,7 +190,7 @@ class Scores(BriefFields):
 
 
 def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFrame:
-    """Return (robots, models) mean logarithms of a ratio, with one vote per plan of a robot.
+    """Return (robots, models) mean logarithms of a ratio, with one vote per world of a robot.
 
     A model needs only one split of a data set: its error is divided by the VJM's on that split.
     `rows` are of `Scores.frame`, `value` is the ratio's column. With `partial` the plans that a
@@ -194,7 +203,8 @@ def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFra
     plans = rows.set_index(PLAN).index.unique()
     table = by_plan.unstack("model").reindex(index=plans, columns=rows["model"].unique())
     robots = table.groupby("robot", sort=False)
-    by_robot = robots.agg(_mean)
+    by_vote = table.groupby(VOTE, sort=False).agg(_mean)
+    by_robot = by_vote.groupby("robot", sort=False).agg(_mean)
     return by_robot if partial else by_robot.where(robots.count().eq(robots.size(), axis="index"))
 
 
@@ -207,7 +217,7 @@ def _mean(values: Any) -> float:
 def model_frame(
     scores: Scores,
     few: Mapping[str, Scores] = MappingProxyType({}),
-    groups: Mapping[str, Collection[str]] = MappingProxyType({}),
+    measured: Scores | None = None,
 ) -> DataFrame:
     """Return a row per model, best first; models with missing scores come last.
 
@@ -215,11 +225,13 @@ def model_frame(
     `complete`, `ratio` (geometric mean of error / VJM's error over robots), `smallest` and
     `largest` ratio of a task, `fit_s`. With enough robots of one kind also: `low` and `high` of the
     ratio's interval, `p` against the VJM, and of complete models `verdict`, `won` (robots with the
-    smallest ratio), `n robots`, `worst`, `worst robot`, `p best`, `like best` (within 5 %),
-    `without low` and `without high` (range without any one robot), `p95`, `noise` and `path`. Keys
-    (`few`, heading), (`group`, name), (`measured`, data set) and (`measured verdict`, data set)
-    hold further ratios. `few` has scores with fewer poses on the same robots, by heading; `groups`
-    has data sets with a separate column, by its name.
+    smallest ratio), `n robots`, `worst`, `worst robot`, `rival` (the best spring model), `p rival`
+    and `verdict rival` against it, `like best` (within 5 % of the best), `without low` and `without
+    high` (range without any one robot), `p95`, `noise`, `path` and `readings`. Further ratios have
+    the keys (`few`, heading), (`world`, name) with (`world low`, name) and (`world high`, name),
+    (`oracle`, world), `without clean`, (`measured`, data set) and (`measured verdict`, data set).
+    `few` has scores with fewer poses on the same robots, by heading; `measured` has the scores on
+    measured data, None: `scores` has them.
     """
     from pandas import DataFrame, Index  # slow, and a single task needs no frame
 
@@ -240,7 +252,9 @@ def model_frame(
     times = [[fit.cost.fit_s for fit in of_model if fit.cost] for of_model in fits.values()]
     table["fit_s"] = [float(np.median(of_model)) if of_model else math.nan for of_model in times]
     if scores.claim is not None:
-        table = _with_robots(table, scores, logs, few, groups)
+        table = _with_robots(table, scores, logs, few)
+        if scores.claim != "measured":
+            table = _with_measured(table, measured or scores)
     order = table["ratio"].fillna(scores.key.sign * table["median"])
     table = table.assign(order=order, incomplete=~table["complete"]).reset_index()
     return table.sort_values(["incomplete", "order", "model"]).drop(columns=["order", "incomplete"])
@@ -251,7 +265,6 @@ def _with_robots(
     scores: Scores,
     partial_logs: DataFrame,
     few: Mapping[str, Scores],
-    groups: Mapping[str, Collection[str]],
 ) -> DataFrame:
     """Add the columns over robots."""
     from pandas import Series  # slow, and a single task needs no frame
@@ -265,32 +278,51 @@ def _with_robots(
     table["complete"] |= table.index.isin(logs.columns)
     if logs.empty:
         return table
-    best = logs.mean().idxmin()
-    table["n robots"] = len(logs)
+    means = {str(name): float(column.mean()) for name, column in logs.items()}
+    best = min(means, key=means.__getitem__)
+    rival = min(filter(is_spring_model, means), key=means.__getitem__)
+    table["n robots"], table["rival"] = len(logs), rival
     table["won"] = logs.idxmin(axis="columns").value_counts().reindex(logs.columns).fillna(0)
     table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
     table.loc[REFERENCE_MODEL, "worst"] = math.nan
     left_out = logs.apply(without_one)
     table["without low"], table["without high"] = left_out.min(), left_out.max()
-    table["p"] = _p_values(logs, REFERENCE_MODEL)
-    table["p best"] = _p_values(logs, best)
     table["like best"] = Series(
-        {m: equivalence_p_value(logs[m] - logs[best]) < LEVEL for m in logs if m != best}
+        {m: equivalence_p_value(logs[m] - logs[best]) < LEVEL for m in means if m != best}
     )
-    better = np.where(table["ratio"] < 1.0, "better", "worse")
-    table["verdict"] = np.where(table["p"] < LEVEL, better, "open")
-    table.loc[REFERENCE_MODEL, "verdict"] = "baseline"
+    for reference, suffix in ((REFERENCE_MODEL, ""), (rival, " rival")):
+        p_values = _p_values(logs, reference)
+        verdicts = {reference: "baseline"}
+        for name, p_value in p_values.items():
+            better = "better" if means[name] < means[reference] else "worse"
+            verdicts[name] = better if p_value < LEVEL else "open"
+        table[f"p{suffix}"], table[f"verdict{suffix}"] = Series(p_values), Series(verdicts)
     further: dict[Any, DataFrame] = {
-        name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path")
+        name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path", "readings")
     }
     for heading, of_few in few.items():
         further["few", heading] = robot_logs(of_few.rows, "error ratio")
-    for group, datasets in groups.items():
-        of_group = rows[rows["dataset"].isin(datasets)]
-        further["group", group] = robot_logs(of_group, "error ratio")
+    worlds = [*rows["world"].dropna().unique()]
+    for world in worlds if len(worlds) > 1 else ():
+        of_world = rows[rows["world"] == world]
+        further["world", world] = logs = robot_logs(of_world, "error ratio")
+        further["oracle", world] = robot_logs(of_world, "oracle ratio")
+        means_of = {str(m): mean_ratio(logs[m]) for m in logs.dropna(axis="columns")}
+        for end in ("low", "high"):
+            ends = {name: vars(mean)[end] for name, mean in means_of.items()}
+            table[f"world {end}", world] = Series(ends, dtype=float)
+    if len(worlds) > 1 and CLEAN in worlds:
+        further["without clean"] = robot_logs(rows[rows["world"] != CLEAN], "error ratio")
     for key, of_robots in further.items():
         table[key] = of_robots.mean(skipna=False).map(math.exp)
-    for dataset, tasks in scores.measured.items() if scores.claim != "measured" else ():
+    return table
+
+
+def _with_measured(table: DataFrame, scores: Scores) -> DataFrame:
+    """Add ratios and verdicts on each measured data set."""
+    from pandas import Series  # slow, and a single task needs no frame
+
+    for dataset, tasks in scores.measured.items():
         of_data = scores.frame[scores.frame["task"].isin(tasks)]
         complete = of_data.groupby("model").size() == len(tasks)
         values = robot_logs(of_data, "error ratio").mean().map(math.exp)
@@ -302,12 +334,9 @@ def _with_robots(
     return table
 
 
-def _p_values(logs: DataFrame, rival: object) -> Series[float]:
+def _p_values(logs: DataFrame, rival: str) -> dict[str, float]:
     """Return sign-flip p-values against a model, corrected (Holm) for all models."""
-    from pandas import Series  # slow, and a single task needs no frame
-
-    differences = {str(name): logs[name] - logs[rival] for name in logs if name != rival}
-    return Series(corrected_p_values(differences), dtype=float)
+    return corrected_p_values({str(m): logs[m] - logs[rival] for m in logs if m != rival})
 
 
 def complete_logs(scores: Scores) -> DataFrame:

@@ -25,19 +25,19 @@ class BoardSettings:
 
     Attributes:
         protocol: word of the protocol whose errors count.
+        metric: metric of the main score, on simulated robots.
         few: heading -> word of a protocol with fewer poses.
         controls: model -> the physics, teacher or variant that it is compared with.
         extras: models that need more packages, in a separate table.
         variants: models in a separate table, over the data on which they ran.
-        withdrawn: sentence in place of the headline; "": the headline is printed.
     """
 
     protocol: str
+    metric: str = "norm"
     few: Mapping[str, str] = field(default_factory=dict)
     controls: Mapping[str, str] = field(default_factory=dict)
     extras: tuple[str, ...] = ()
     variants: tuple[str, ...] = ()
-    withdrawn: str = ""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted, first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.over_robots import MARGIN
-from stiff_protocols.scoring.paired import LEVEL, ROPE_M
+from stiff_protocols.scoring.paired import ROPE_M
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -90,14 +90,11 @@ def _over_robots(scores: Scores, table: DataFrame) -> Summary:
             f"Use {lead['model']}: {_ratio(lead['ratio'])} times the VJM's error "
             f"({_ratio(lead['low'])} to {_ratio(lead['high'])}, {INTERVAL} over {scores.scope})"
         )
-    open_rivals = [
-        row["model"]
-        for row in rows
-        if row["model"] != lead["model"] and not (number(row, "p best") or 0.0) < LEVEL
-    ]
-    of_rivals = "Every other model is significantly worse."
-    if open_rivals:
-        of_rivals = f"Not significantly worse: {first_few(open_rivals)}."
+    rival, of_rivals = lead["rival"], "Every other model is significantly worse."
+    if lead["model"] != rival:
+        of_rivals = f"Against the best spring model, {rival}: {lead['verdict rival']}."
+    elif like := [row["model"] for row in rows if row["verdict rival"] in ("open", "better")]:
+        of_rivals = f"Not significantly worse: {first_few(like)}."
     how_sure = (
         f"{lead['model']} has the smallest error on {lead['won']:.0f} of "
         f"{counted(int(lead['n robots']), 'robot')}. Without any one robot the ratio lies between "

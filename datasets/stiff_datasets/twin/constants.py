@@ -110,7 +110,7 @@ def _or_rigid(low: float, high: float) -> AfterValidator:
 
 def _gear_tag(gear: object) -> str | None:
     if isinstance(gear, str):
-        return "name"
+        return "gear name"
     if isinstance(gear, RvGear) or (isinstance(gear, dict) and "rigidity_Nm_per_rad" in gear):
         return "cycloidal"
     return "strain wave" if isinstance(gear, dict | StrainWaveGear) else None
@@ -126,7 +126,7 @@ class JointTable(TomlTable):
     """
 
     gear: Annotated[
-        Annotated[str, Tag("name")]
+        Annotated[str, Tag("gear name")]
         | Annotated[StrainWaveGear, Tag("strain wave")]
         | Annotated[RvGear, Tag("cycloidal")],
         Discriminator(
@@ -399,7 +399,13 @@ def read_constants(path: Path) -> TwinConstants:
 def _first_problem(error: ValidationError) -> str:
     """Return the first error and its key; joints and segments count from 1."""
     problem = error.errors()[0]
-    tags = (REVOLUTE, PRISMATIC, "name", "strain wave", "cycloidal")  # tags of unions, not in files
+    tags = (
+        REVOLUTE,
+        PRISMATIC,
+        "gear name",
+        "strain wave",
+        "cycloidal",
+    )  # tags of unions, not in files
     path = [part + 1 if isinstance(part, int) else part for part in problem["loc"]]
     key_path = ".".join(str(part) for part in path if part not in tags)
     is_value = problem["type"] != "missing" and not isinstance(problem["input"], dict)

@@ -168,7 +168,7 @@ class DigitalTwin:
 
     @property
     def has_friction(self) -> bool:
-        """Whether a deflection depends on the direction from which the pose was reached."""
+        """Return True if a deflection depends on the direction from which the pose was reached."""
         return any(isinstance(effect, Friction) for effect in self.effects)
 
     @cached_property

@@ -22,9 +22,15 @@ from typing import Literal
 import numpy as np
 
 from stiff_models.physics.fitted_geometry import GeometryModel
-from stiff_models.physics.full_vjm import spring_columns, spring_twists, typical_springs
-from stiff_models.physics.vjm import warn_no_masses
+from stiff_models.physics.full_vjm import (
+    spring_columns,
+    spring_twists,
+    typical_springs,
+    warn_few_samples,
+)
+from stiff_models.physics.vjm import warn_no_masses, warn_unexplained
 from stiff_models.pose_folds import folds_of_poses
+from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import joint_torque, unit_deflections
 
@@ -57,15 +63,31 @@ class CurveSprings(GeometryModel):
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         twists_of = partial(spring_twists, springs=SPRINGS_PER_JOINT)
         train, robot = self._placed(train, robot, twists_of, unit_deflections)
-        warn_no_masses(robot)
-        own = self._torques(robot, train.q, train.wrench)
-        size = np.abs(np.vstack(own))
-        self.torque_ = np.maximum(size.max(axis=0), np.finfo(float).tiny)
-        self.ends_ = np.quantile(size, [1.0 / 3.0, 2.0 / 3.0], axis=0)
         lines = unit_deflections(twists_of(robot, train.q), train.wrench)
+        if not lines.any():
+            raise ModelError("no joint spring can be identified: no wrench turns any joint")
+        warn_few_samples(len(train), lines.shape[2])
+        warn_no_masses(robot)
+        size = np.abs(np.vstack(self._torques(robot, train.q, train.wrench)))
+        largest = size.max(axis=0)
+        self.torque_ = np.where(largest > 0.0, largest, 1.0)  # of a joint without torque: any
+        self.ends_ = np.quantile(size, [1.0 / 3.0, 2.0 / 3.0], axis=0)
         typical = lines @ typical_springs(robot, SPRINGS_PER_JOINT)
         self.scale_ = float((typical * train.deflection).sum() / ((typical**2).sum() or 1.0)) or 1.0
         columns = self._columns(robot, train.q, train.wrench)
+        strength = self._chosen_strength(train, columns, seed)
+        self.coefficients_ = self._solved(columns, train.deflection, strength)
+        self.diagnostics_ = {
+            "coefficients": float(columns.shape[2]),
+            "penalty": strength,
+            **self._geometry_report(),
+        }
+        warn_unexplained(self.coefficients_, train)
+
+    def _chosen_strength(self, train: Samples, columns: FloatArray, seed: int) -> float:
+        """Return the penalty with the least error at left-out poses; of one pose, the middle."""
+        if len(np.unique(train.pose_id)) < 2:
+            return float(STRENGTHS[len(STRENGTHS) // 2])
         errors = np.zeros(len(STRENGTHS))
         for fitted, left_out in folds_of_poses(train, seed):
             deflection = train.deflection[fitted]
@@ -76,13 +98,7 @@ class CurveSprings(GeometryModel):
                 errors[number] += float(
                     (lengths if self.weights == "student" else lengths**2).sum()
                 )
-        strength = float(STRENGTHS[errors.argmin()])
-        self.coefficients_ = self._solved(columns, train.deflection, strength)
-        self.diagnostics_ = {
-            "coefficients": float(columns.shape[2]),
-            "penalty": strength,
-            **self._geometry_report(),
-        }
+        return float(STRENGTHS[errors.argmin()])
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return np.asarray(self._columns(robot, q, wrench) @ self.coefficients_)
@@ -103,8 +119,8 @@ class CurveSprings(GeometryModel):
         twists = spring_twists(robot, q, SPRINGS_PER_JOINT)
         lines = unit_deflections(twists, wrench) * typical
         kind = np.array(spring_columns(robot, SPRINGS_PER_JOINT)) % SPRINGS_PER_JOINT
-        own = kind == SPRINGS_PER_JOINT - 1
-        move = twists[:, :3, own] * typical[own]
+        is_own = kind == SPRINGS_PER_JOINT - 1
+        move = twists[:, :3, is_own] * typical[is_own]
         unloaded, loaded = self._torques(robot, q, wrench)
         parts = [
             *(np.clip(loaded, -end, end) - np.clip(unloaded, -end, end) for end in self.ends_),

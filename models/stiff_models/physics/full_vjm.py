@@ -85,17 +85,21 @@ class FullVjm(GeometryModel):
             **numbers,
             **self._geometry_report(),
         }
-        if 3 * len(train) < n_springs:
-            warn(
-                f"{len(train)} training samples give {3 * len(train)} equations for {n_springs} "
-                f"springs (regressor rank {identified.rank}): predictions at other poses and loads "
-                "are unreliable"
-            )
+        warn_few_samples(len(train), n_springs)
         warn_unexplained(self.compliance_, train)
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         regressor = spring_regressor(robot, q, wrench, self.springs)
         return np.asarray(regressor @ self.compliance_)
+
+
+def warn_few_samples(n_samples: int, n_springs: int) -> None:
+    """Warn if the samples have fewer equations than there are springs."""
+    if 3 * n_samples < n_springs:
+        warn(
+            f"{n_samples} training samples give {3 * n_samples} equations for {n_springs} springs: "
+            "predictions at other poses and loads are unreliable"
+        )
 
 
 def spring_units(robot: Robot, springs: Springs) -> dict[str, str]:

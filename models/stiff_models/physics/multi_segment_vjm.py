@@ -107,8 +107,10 @@ class MultiSegmentVjm(GeometryModel):
             tip: "10,30;12,35;...".
         gravity: preload of the gears by the weights; false for a balanced robot.
         breakpoints_: (n_joints, segments - 1) N m.
-        springs_: identified springs, by names such as "A2 segment 1".
-        slopes_: (n_joints, segments) compliance of each segment, rad/(N m).
+        springs_: identified springs, by names such as "A2 segment 1". Segments that no sample's
+            torque reaches are left out.
+        slopes_: (n_joints, segments) compliance of each segment, rad/(N m); the prior's if no
+            sample's torque reaches the segment.
         diagnostics_: breakpoints, the report of `IdentifiedSprings`, and the fitted geometry, by
             name and unit.
     """
@@ -155,9 +157,9 @@ class MultiSegmentVjm(GeometryModel):
         matrix = loaded.effects(self.breakpoints_)
         typical = np.repeat(typical_joints(robot), self.segments)
         identified = identify_springs(springs, matrix, train.deflection, typical, train.pose_id)
-        self.springs_ = identified
+        self.springs_ = identified.take(loaded.parts(self.breakpoints_).any(axis=0).ravel())
         self.slopes_ = identified.compliance.reshape(robot.n_joints, self.segments)
-        springs_report = _named(robot, self.breakpoints_) | identified.report()
+        springs_report = _named(robot, self.breakpoints_) | self.springs_.report()
         self.diagnostics_ = springs_report | self._geometry_report()
         warn_unidentifiable(identified)
         warn_unexplained(identified.compliance, train)
@@ -220,9 +222,12 @@ class _LoadedJoints:
 
     def effects(self, breakpoints: FloatArray) -> FloatArray:
         """Return the (n, 3, n_joints, segments) deflection [m] by each segment at unit slope."""
+        return np.asarray(self.move[..., None] * self.parts(breakpoints)[:, None])
+
+    def parts(self, breakpoints: FloatArray) -> FloatArray:
+        """Return the (n, n_joints, segments) change of torque by the load in each segment, N m."""
         unloaded = segment_torques(self.preload, breakpoints)
-        parts = segment_torques(self.torque, breakpoints) - unloaded
-        return np.asarray(self.move[..., None] * parts[:, None])
+        return np.asarray(segment_torques(self.torque, breakpoints) - unloaded)
 
     def quantiles(self, shares: FloatArray) -> FloatArray:
         """Return the (n_joints, n_shares) torques [N m] below which shares of |torque| lie."""

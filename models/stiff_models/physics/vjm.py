@@ -10,26 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from stiff_models.fitted_model import FittedModel
-from stiff_models.model_catalog import model_info
+from stiff_models.model_catalog import SpringModel, model_info
 from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import FloatArray, Robot, Samples, TextArray
 from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.springs.identification import IdentifiedSprings, identify, typical_joints
 
-Physics = Literal["vjm", "vjm-multisegment", "vjm-full"]
-"""Keys of the virtual joint models that other families build on."""
-
 
 def fitted_physics(name: str, samples: Samples, robot: Robot) -> FittedModel:
     """Return the model with its default options, identified on the samples.
 
-    `name` is the key of a `Physics` or of another model. Errors are the same as for `fit`.
+    `name` is the key of a `SpringModel` or of another model. Errors are the same as for `fit`.
     """
     fitted: FittedModel = model_info(name).load()().fit(samples, robot=robot)
     return fitted
@@ -147,7 +144,7 @@ class OnPhysics:
         physics: model that is identified first, with its default options.
     """
 
-    physics: Physics = "vjm"
+    physics: SpringModel = "vjm"
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         vars(self).pop("diagnostics_", None)  # an earlier fit's
@@ -160,7 +157,7 @@ class OnPhysics:
 
     @property
     def springs_(self) -> IdentifiedSprings:
-        """The physics' identified springs."""
+        """The physics' identified springs; AttributeError if it has none."""
         springs: IdentifiedSprings = self.physics_.springs_
         return springs
 

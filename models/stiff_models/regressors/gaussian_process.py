@@ -1,4 +1,4 @@
-"""One-output Gaussian processes: covariance, posterior, and a trend of unknown size.
+"""One-output Gaussian processes of zero mean: covariance, likelihood, posterior.
 
 The covariance is ``s^2 k(r) + noise``, r the distance of two rows in units of the length scales,
 and k a Matern 5/2, ``(1 + x + x^2/3) exp(-x)`` with ``x = sqrt(5) r``, or a squared exponential,
@@ -6,8 +6,7 @@ and k a Matern 5/2, ``(1 + x + x^2/3) exp(-x)`` with ``x = sqrt(5) r``, or a squ
 2006, ch. 2 and 4. The tests compare it with scikit-learn's, whose likelihood takes several times
 as long, and whose fit needs a second factorisation.
 
-Shapes: inputs (n, n_features), outputs (n,). If the outputs contain an unknown multiple of a trend,
-that trend (n,).
+Shapes: inputs (n, n_features), outputs (n,).
 """
 
 from __future__ import annotations
@@ -51,26 +50,21 @@ class Search:
         start: Covariance,
         inputs: FloatArray,
         outputs: FloatArray,
-        trend: FloatArray | None = None,
         *,
         least: float = 0.0,
     ) -> Covariance:
-        """Return the most probable covariance of the kind of `start`.
-
-        `least` is the least noise that a covariance with noise may have.
-        """
+        """Return the most probable covariance of the kind of `start`, with at least this noise."""
         if len(inputs) > self.rows:
             chosen = np.random.default_rng(self.seed).permutation(len(inputs))[: self.rows]
             inputs, outputs = inputs[chosen], outputs[chosen]
-            trend = None if trend is None else trend[chosen]
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
-            value, gradient = log_likelihood(start.with_theta(theta), inputs, outputs, trend)
+            value, gradient = log_likelihood(start.with_theta(theta), inputs, outputs)
             return -value, -gradient
 
         low, high = NOISE_BOUNDS
-        noise = [(min(max(low, least), high), high)] if start.noise else []
-        bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(start.lengths), *noise])
+        noise = (min(max(low, least), high), high)
+        bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(start.lengths), noise])
         # legacy numbers: the same as in scikit-learn's restarts
         drawn = check_random_state(self.seed).uniform(*bounds.T, (self.restarts, len(bounds)))
         return start.with_theta(minimum(loss, [start.theta, *drawn], bounds.tolist()))
@@ -105,10 +99,7 @@ def minimum(
 
 
 def log_likelihood(
-    covariance: Covariance,
-    inputs: FloatArray,
-    outputs: FloatArray,
-    trend: FloatArray | None = None,
+    covariance: Covariance, inputs: FloatArray, outputs: FloatArray
 ) -> tuple[float, FloatArray]:
     """Return the log marginal likelihood and its gradient by `Covariance.theta`.
 
@@ -120,9 +111,8 @@ def log_likelihood(
         factor = covariance.factor(row_covariance)
     except np.linalg.LinAlgError:
         return -math.inf, np.zeros_like(covariance.theta)
-    weights, rho = weights_and_rho(factor, outputs, trend)
-    centred = outputs if trend is None else outputs - rho * trend
-    energy = float(centred @ weights)
+    weights = cho_solve((factor, True), outputs, check_finite=False)
+    energy = float(outputs @ weights)
     value = -0.5 * energy - np.log(np.diag(factor)).sum() - 0.5 * n * math.log(2.0 * math.pi)
 
     # with A = weights weights^T - covariance^-1 a derivative is half the trace of A dC
@@ -140,8 +130,8 @@ def log_likelihood(
     by_lengths = 0.5 * column_and_row_sums @ scaled**2 - (scaled * (inverse @ scaled)).sum(axis=0)
     if len(covariance.lengths) == 1:
         by_lengths = by_lengths.sum(keepdims=True)
-    by_noise = [0.5 * covariance.noise * trace] if covariance.noise else []
-    return float(value), np.array([by_variance, *by_lengths, *by_noise])
+    by_noise = 0.5 * covariance.noise * trace
+    return float(value), np.array([by_variance, *by_lengths, by_noise])
 
 
 Kernel = Literal["matern", "rbf"]
@@ -184,7 +174,7 @@ class Covariance:
         kernel: "matern" (Matern 5/2) or "rbf" (squared exponential).
         variance: s^2.
         lengths: (n_features,) length scales, or (1,) that all features share.
-        noise: variance of each measured output's own error; 0: the process interpolates.
+        noise: variance of each measured output's own error.
         jitter: addition to the variances of the training rows, required by the Cholesky factor.
     """
 
@@ -196,20 +186,14 @@ class Covariance:
 
     @property
     def theta(self) -> FloatArray:
-        """Logarithms of variance, length scales and, if present, noise."""
-        noise = [self.noise] if self.noise else []
-        return np.asarray(np.log([self.variance, *self.lengths, *noise]))
+        """Logarithms of variance, length scales and noise."""
+        return np.asarray(np.log([self.variance, *self.lengths, self.noise]))
 
     def with_theta(self, theta: FloatArray) -> Covariance:
         """Return the same covariance with other hyperparameters."""
-        variance, *lengths_and_noise = np.exp(theta)
-        n_lengths = len(self.lengths)
-        noise = float(lengths_and_noise[-1]) if self.noise else 0.0
+        variance, *lengths, noise = np.exp(theta)
         return replace(
-            self,
-            variance=float(variance),
-            lengths=np.array(lengths_and_noise[:n_lengths]),
-            noise=noise,
+            self, variance=float(variance), lengths=np.array(lengths), noise=float(noise)
         )
 
     def scaled(self, inputs: FloatArray) -> FloatArray:
@@ -243,34 +227,22 @@ class Covariance:
 
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
-    """A process given its rows; its mean is zero, or another process times an unknown scale.
-
-    Predictions include that other process, with its scale taken as known.
+    """A process of zero mean, given its rows.
 
     Attributes:
         covariance: hyperparameters.
         rows: (n, n_features) training inputs, as `Covariance.scaled` returns them.
         factor: (n, n) lower Cholesky factor of the training outputs' covariance.
-        weights: (n,) inverse of that covariance times the outputs less their trend.
-        rho: most probable scale of the trend; 0 without a trend.
-        trend: the other process; None: the mean is zero.
+        weights: (n,) inverse of that covariance times the outputs.
     """
 
     covariance: Covariance
     rows: FloatArray
     factor: FloatArray
     weights: FloatArray
-    rho: float
-    trend: GaussianProcess | None
 
     @classmethod
-    def of(
-        cls,
-        covariance: Covariance,
-        inputs: FloatArray,
-        outputs: FloatArray,
-        trend: GaussianProcess | None = None,
-    ) -> GaussianProcess:
+    def of(cls, covariance: Covariance, inputs: FloatArray, outputs: FloatArray) -> GaussianProcess:
         """Return the process given these rows; ModelError if they cannot be solved."""
         rows = covariance.scaled(inputs)
         try:
@@ -280,15 +252,15 @@ class GaussianProcess:
                 f"a Gaussian process of {len(rows)} rows cannot be solved: {error}; remove "
                 "duplicated rows"
             ) from error
-        trend_values = None if trend is None else trend.mean(inputs)
-        return cls(covariance, rows, factor, *weights_and_rho(factor, outputs, trend_values), trend)
+        weights = cho_solve((factor, True), outputs, check_finite=False)
+        return cls(covariance, rows, factor, weights)
 
     def mean(self, inputs: FloatArray) -> FloatArray:
         """Return the (n,) predicted outputs."""
         scaled, mean = self.covariance.scaled(inputs), np.empty(len(inputs))
         for part in row_blocks(len(scaled), len(self.rows)):
             mean[part] = self.covariance.between(scaled[part], self.rows) @ self.weights
-        return mean if self.trend is None else self.rho * self.trend.mean(inputs) + mean
+        return mean
 
     def deviation(self, inputs: FloatArray) -> FloatArray:
         """Return the (n,) standard deviation of outputs there, noise included."""
@@ -298,41 +270,15 @@ class GaussianProcess:
             solved = solve_triangular(self.factor, between.T, lower=True, check_finite=False)
             explained[part] = np.einsum("ij,ij->j", solved, solved)
         variance = self.covariance.variance + self.covariance.noise - explained
-        deviation = np.sqrt(np.maximum(variance, 0.0))
-        if self.trend is not None:
-            deviation = np.hypot(self.rho * self.trend.deviation(inputs), deviation)
-        return np.asarray(deviation)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def between(self, inputs: FloatArray, other_inputs: FloatArray) -> FloatArray:
         """Return the (n, m) covariance of the process at two sets of inputs, noise excluded."""
         covariance = self.covariance
         first, second = covariance.scaled(inputs), covariance.scaled(other_inputs)
         solved = cho_solve((self.factor, True), covariance.between(self.rows, second))
-        covariances = (
-            covariance.between(first, second) - covariance.between(first, self.rows) @ solved
-        )
-        return (
-            covariances
-            if self.trend is None
-            else self.rho**2 * self.trend.between(inputs, other_inputs) + covariances
-        )
-
-
-def weights_and_rho(
-    factor: FloatArray, outputs: FloatArray, trend: FloatArray | None
-) -> tuple[FloatArray, float]:
-    """Return the (n,) weights of a process and the generalised least-squares scale of its trend.
-
-    `factor` is the lower Cholesky factor of the outputs' covariance. Without a trend its scale is
-    0.
-    """
-    weights = cho_solve((factor, True), outputs, check_finite=False)
-    if trend is None:
-        return weights, 0.0
-    weighed = cho_solve((factor, True), trend, check_finite=False)
-    energy = float(weighed @ trend)
-    rho = float(weighed @ outputs) / energy if energy > 0.0 else 0.0
-    return weights - rho * weighed, rho
+        explained = covariance.between(first, self.rows) @ solved
+        return np.asarray(covariance.between(first, second) - explained)
 
 
 def _squares(first: FloatArray, second: FloatArray) -> FloatArray:

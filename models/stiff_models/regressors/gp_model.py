@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
 from annotated_types import Ge
@@ -25,7 +25,7 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
         restarts: searches for the hyperparameters from random starts, after the first.
         search_rows: most training rows of the search (drawn at random); the process itself always
             uses all rows.
-        processes_: one `GaussianProcess` per axis, or an object with the same methods.
+        processes_: one `GaussianProcess` per axis.
     """
 
     kernel: Kernel = "matern"
@@ -41,7 +41,7 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         inputs, targets = self._trained_rows(robot, train)
         start, search = self._start(inputs.shape[1]), self._search(seed)
-        self.processes_: tuple[Any, ...] = tuple(
+        self.processes_ = tuple(
             GaussianProcess.of(search.likeliest(start, inputs, axis, least=least), inputs, axis)
             for axis, least in zip(targets.T, self._least_noise(), strict=True)
         )
@@ -88,15 +88,15 @@ class GaussianProcessModel(CalibratedProcess, EncodedModel):
     def _search(self, seed: int) -> Search:
         return Search(restarts=self.restarts, rows=self.search_rows, seed=seed)
 
-    def _start(self, n_features: int, *, noise: bool = True) -> Covariance:
-        """Return the search's start; without `noise` the process interpolates."""
+    def _start(self, n_features: int) -> Covariance:
+        """Return the search's start."""
         return Covariance(
             self.kernel,
             variance=1.0,
             # standardised samples lie about sqrt(2 n_features) apart
             lengths=np.full(n_features if self.ard else 1, np.sqrt(n_features)),
-            noise=0.1 if noise else 0.0,
-            jitter=1e-10 if noise else 1e-8,
+            noise=0.1,
+            jitter=1e-10,
         )
 
 

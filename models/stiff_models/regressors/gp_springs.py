@@ -176,11 +176,13 @@ class GpSprings(CalibratedProcess, GeometryModel):
         process_: the process given the training samples.
         theta_: its hyperparameters, logarithms in the order of `Hyperparameters.priors`.
         springs_: stiffness of each joint's own spring at no, half and full torque (the slope over
-            a twentieth of the largest torque), with its standard error.
+            a twentieth of the largest torque), with its standard error, where the training samples
+            have this torque.
         curves_: "spring A2" -> (n, 3) torque on a previously unloaded joint [N m or N], turn of its
-            spring [rad or m] and the turn's standard deviation.
-        diagnostics_: report of `springs_`, lost motion of each joint (full width), noise and
-            remainder.
+            spring [rad or m] and the turn's standard deviation, inside the training samples'
+            torques.
+        diagnostics_: report of `springs_`, lost motion of each joint (width inside the training
+            samples' torques, 0 if none is found), noise and remainder.
     """
 
     springs: Literal[6, 18] = 18

@@ -38,10 +38,10 @@ from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.errors import ModelError
 
 ROOT3 = math.sqrt(3.0)
-NEAR_ZERO = 0.1
-"""Share of a spring's largest torque within which half of a lost motion is taken up. On simulated
-robots the half is taken up within 0.02 to 0.13 of it in RV gears, which have lost motion, and
-within 0.1 to 0.45 in strain-wave gears, which have a soft first slope instead."""
+NEAR_ZERO = 0.05
+"""Largest share of a spring's largest torque that takes up half of a lost motion. On simulated
+robots the fits give 0.01 to 0.04 if all gears are RV gears, which have lost motion, and 0.15 to
+0.5 if all are strain-wave gears, which have a soft first slope instead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +74,8 @@ class SpringLoads:
     @property
     def torque_range(self) -> tuple[FloatArray, FloatArray]:
         """(n_springs,) lowest and highest torque, with the load and without it."""
-        both = np.concatenate([self.loaded, self.unloaded], axis=1)
-        return both.min(axis=1), both.max(axis=1)
+        torques = np.concatenate([self.loaded, self.unloaded], axis=1)
+        return torques.min(axis=1), torques.max(axis=1)
 
     def effects(self, turn: FloatArray) -> FloatArray:
         """Return the (n_springs, 3 n) deflection [m] by each spring, for (n_springs, n) turns."""

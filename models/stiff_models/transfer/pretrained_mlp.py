@@ -10,18 +10,19 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from sklearn.base import clone
 
 from stiff_models.fitted_model import FittedModel
+from stiff_models.model_catalog import SpringModel
 from stiff_models.networks.fully_connected import Activation
 from stiff_models.networks.network_model import NetworkModel
 from stiff_models.networks.onnx_export import Difference, SumOf, physics_module
 from stiff_models.networks.training import Rows, TrainingPlan
-from stiff_models.physics.vjm import Physics, fitted_physics
+from stiff_models.physics.vjm import fitted_physics
 from stiff_models.pose_folds import left_out_fifths
 from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
@@ -88,9 +89,9 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
         return PRETRAINING[self.recipe]
 
 
-Anchor = Literal["auto", "none", "teacher", "vjm", "vjm-multisegment", "vjm-full", "gp-springs"]
-TEACHERS: tuple[Physics, ...] = get_args(Physics)
-"""Models that anchor="teacher" chooses from; a teacher by name may be another model."""
+Anchor = Literal["auto", "none", "teacher", SpringModel]
+TEACHERS: tuple[SpringModel, ...] = ("vjm", "vjm-multisegment", "vjm-full")
+"""Models that anchor="teacher" chooses from; a teacher by name may be any spring model."""
 ANCHORED_STEPS = 300
 """Pre-training steps of recipe="fast": an anchored network need not reproduce the teacher."""
 
@@ -104,9 +105,9 @@ class AnchoredMlp(PretrainedMlp):
 
     Attributes:
         anchor: "teacher" (the best of vjm, vjm-multisegment and vjm-full at left-out training
-            poses), one of them or gp-springs by name, or "none" (the source paper's method: before
-            fine-tuning the prediction is the pre-trained network's). "auto": "none" with the
-            paper's source, else "teacher".
+            poses), a spring model by name, or "none" (the source paper's method: before fine-tuning
+            the prediction is the pre-trained network's). "auto": "none" with the paper's source,
+            else "teacher".
         teacher_: fitted teacher; None without an anchor.
     """
 
@@ -186,7 +187,7 @@ class AnchoredMlp(PretrainedMlp):
         return SumOf([physics_module(self.teacher_), learned])
 
 
-def chosen_teacher(samples: Samples, robot: Robot, seed: int) -> Physics:
+def chosen_teacher(samples: Samples, robot: Robot, seed: int) -> SpringModel:
     """Return the teacher with the least mean 3-D error at left-out poses.
 
     Each teacher is identified without each fifth of the poses. A teacher that a part of the samples

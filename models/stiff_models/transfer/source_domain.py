@@ -175,16 +175,6 @@ def _one_two_five(value: float, *, up: bool) -> float:
     return power * max(factor for factor in factors if factor <= value / power + ROUNDING)
 
 
-def drawn_from(
-    design: SourceDesign, n: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Return `n` poses of a design (at most all), rad, with one wrench per pose, N and N m."""
-    chosen = rng.permutation(len(design.q))[:n]
-    wrench = np.broadcast_to(design.wrench, (len(design.q), *design.wrench.shape[1:]))
-    which = rng.integers(wrench.shape[1], size=len(chosen))
-    return design.q[chosen], wrench[chosen, which]
-
-
 def _poses(
     design: PoseDesign, robot: Robot, train: Samples, rng: np.random.Generator
 ) -> FloatArray:

@@ -8,8 +8,8 @@ from typing import Literal, Self
 
 import numpy as np
 
+from stiff_models.model_catalog import SpringModel
 from stiff_models.physics.vjm import (
-    Physics,
     fitted_physics,
     identify_joints,
     warn_unidentifiable,
@@ -62,7 +62,7 @@ class SourceModel:
 
     source_poses: Literal["auto", "sobol", "paper"] = "auto"
     source_wrenches: Literal["auto", "uniform", "sobol", "paper"] = "auto"
-    source_teacher: Physics = "vjm"
+    source_teacher: SpringModel = "vjm"
     source_stiffness: Literal["identified", "nominal"] = "identified"
     nominal_stiffness: str | None = None
     _source: BenchmarkData | None = field(default=None, init=False)

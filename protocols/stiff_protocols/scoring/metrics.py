@@ -142,6 +142,11 @@ def _skill(prediction: Prediction) -> FloatArray | None:
     return np.asarray(1.0 - norm_errors(prediction).mean() / reference) if reference > 0.0 else None
 
 
+def true_errors(prediction: Prediction) -> FloatArray:
+    """Return the (n,) lengths of the errors against the truth, m; KeyError if it is not known."""
+    return _lengths(prediction.predicted - prediction.bound_deflections[TRUTH])
+
+
 def _true_lengths(
     reduced: Callable[..., Any], *truths: str
 ) -> Callable[[Prediction], FloatArray | None]:
@@ -151,8 +156,8 @@ def _true_lengths(
     """
 
     def of_prediction(prediction: Prediction) -> FloatArray | None:
-        known = (prediction.bound_deflections.get(name) for name in truths)
-        truth = next((array for array in known if array is not None), None)
+        every = map(prediction.bound_deflections.get, truths)
+        truth = next((array for array in every if array is not None), None)
         return (
             None if truth is None else np.asarray(reduced(_lengths(prediction.predicted - truth)))
         )

@@ -16,8 +16,9 @@ information. It gets its least-squares value without the prior; other springs ke
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import compress
 
 import numpy as np
 from scipy.optimize import least_squares, nnls
@@ -142,6 +143,17 @@ class IdentifiedSprings(Identified):
             if not is_known
         )
 
+    def take(self, springs: BoolArray) -> IdentifiedSprings:
+        """Return the chosen springs, (n_springs,), with the rank and condition of all springs."""
+        return replace(
+            self,
+            compliance=self.compliance[springs],
+            is_identified=self.is_identified[springs],
+            log_error=self.log_error[springs],
+            names=tuple(compress(self.names, springs)),
+            units=tuple(compress(self.units, springs)),
+        )
+
     def report(self) -> dict[str, float]:
         """Return stiffnesses, standard errors, 90 % intervals or the prior's, rank, condition."""
         numbers: dict[str, float] = {}
@@ -251,7 +263,8 @@ def identify(
     scores = np.zeros((int(pose.max()) + 1, len(compliance)))
     np.add.at(scores, pose, matrix * compliance / noise * residual[:, None])
     together = covariance @ (scores.T @ scores + spread.T @ spread) @ covariance
-    error = np.maximum(error, np.sqrt(np.diag(together)))
+    # rounding may leave a variance below 0
+    error = np.maximum(error, np.sqrt(np.maximum(np.diag(together), 0.0)))
     needed = (1.0 / PRIOR_SHARE - 1.0) / PRIOR_SPREAD**2
     return Identified(
         compliance=compliance,

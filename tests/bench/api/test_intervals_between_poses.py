@@ -9,6 +9,7 @@ import coverage_between_poses as between
 import stiffbench as sb
 
 
+@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of the smallest arm
 @pytest.mark.slow
 @pytest.mark.parametrize("name", between.DATASETS[:2])
 @pytest.mark.parametrize("key", ["vjm", "gp", "vjm-gp", "gp-springs"])

@@ -28,24 +28,24 @@ def home(tmp_path):
     return {"STIFFBENCH_HOME": str(tmp_path / "home")}
 
 
-def filled_in(plan: Path, kr10) -> None:
+def filled_in(plan: Path) -> None:
     """Write the twin's deflections into a plan's empty columns."""
     table = pd.read_csv(plan)
     q = np.deg2rad(table[[f"q{i}_deg" for i in range(1, 7)]].to_numpy())
-    twin = DigitalTwin(kr10, shipped_constants("kr10_r1100_2").springs)
-    table[DEFLECTIONS] = (1000.0 * twin.readings(q, table[LOADS].to_numpy())).round(5)
+    twin = DigitalTwin.in_world(shipped_constants("kr10_r1100_2"), 0, "clean")
+    table[DEFLECTIONS] = (1000.0 * twin.truth(q, table[LOADS].to_numpy())).round(5)
     table.to_csv(plan, index=False)
 
 
 @pytest.mark.slow
-def test_from_the_plan_to_results_with_ones_own_file(tmp_path, home, kr10):
+def test_from_the_plan_to_results_with_ones_own_file(tmp_path, home):
     def bench(*words: str, status: int = 0) -> str:
         done = bench_here(*words, cwd=tmp_path, env=home)
         assert done.returncode == status, done.stderr
         return done.stdout
 
     assert "151 poses" in bench("data", "plan", "--output", "my.csv")
-    filled_in(tmp_path / "my.csv", kr10)
+    filled_in(tmp_path / "my.csv")
     assert "every torque is zero" in bench("data", "validate", "my.csv", status=1)
     checked = bench("data", "validate", "my.csv", "--no-torque")
     assert checked.startswith("my.csv: ok")

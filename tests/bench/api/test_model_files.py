@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import stiffbench as sb
 from helpers.command_line import bench_here
-from helpers.made_robots import tree_urdf
+from helpers.made_robots import planar_arm, tree_urdf
 from helpers.made_samples import samples_with
 from stiff_bench.api.model import load_model
 from stiff_datasets.measured.sheet_files import sample_table, write_table
@@ -56,6 +57,19 @@ def test_a_fit_prints_a_row_per_spring_and_marks_those_that_are_not_identifiable
     rows = [line for line in text.splitlines() if "[Nm/rad]" in line and " to " in line]
     assert [row[:12] for row in rows] == [f"J{j} segment {k}" for j in range(1, 7) for k in (1, 2)]
     assert 0 < sum("not identifiable" in row for row in rows) < len(rows)
+
+
+def test_a_lost_motion_that_is_not_in_the_samples_is_printed_as_none_found():
+    robot, rng = planar_arm(2, (0.0, 1.0, 0.0), mass=2.0), np.random.default_rng(0)
+    q, wrench = rng.uniform(-1.5, 1.5, (40, 2)), 50.0 * rng.normal(size=(40, 6))
+    deflection = robot.joint_deflection(np.array([1e-5, 2e-5]), q, wrench)
+    samples = samples_with(q, wrench, deflection + 1e-5 * rng.normal(size=(40, 3)))
+    model = sb.make_model("gp-springs", springs=6, remainder=False)
+    model.fit(sb.Dataset.from_samples(samples, robot))
+    for joint in robot.joint_names:
+        assert f"- lost motion {joint} [arcmin]: none found" in model.learned
+        assert model.diagnostics[f"lost motion {joint} [arcmin]"] == 0.0
+    assert "none found" in str(model)
 
 
 def test_predictions_are_the_models_in_millimetres_next_to_the_rows(predict, vjm_file):

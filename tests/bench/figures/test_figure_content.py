@@ -169,6 +169,27 @@ def test_curves_of_springs_are_drawn_with_the_band_of_the_first_split_and_the_li
         FIGURES["losses"](FigureSource.of(tmp_path))
 
 
+def test_a_joint_without_torque_has_a_panel_without_a_curve_and_an_unreached_segment_no_line(
+    tmp_path,
+):
+    made, joints = compared(tmp_path), made_data(0).robot.joint_names
+    at = np.array([-2.0, 0.0, 2.0])
+    curve = np.stack([at, 1e-4 * at, 1e-5 * np.ones(3)], axis=1)
+    with_fields(made, "gp", curves={f"spring {joints[1]}": curve})
+    panels = FIGURES["springs"](FigureSource.of(tmp_path)).draw().axes
+    assert [text.get_text() for text in panels[0].texts] == ["no torque in the samples"]
+    assert not panels[1].texts and panels[1].get_lines()
+    with_fields(made, "gp", curves={})
+    segments = {f"stiffness {j} segment 1 [Nm/rad]": 1e4 for j in joints}
+    bends = {f"breakpoint {j} 1 [Nm]": 0.1 for j in joints}
+    with_fields(made, "mlp", diagnostics=segments | bends)
+    axes = FIGURES["springs"](FigureSource.of(tmp_path)).draw().axes[0]
+    torque, deflection = axes.get_lines()[0].get_xydata().T
+    first = torque <= 0.1
+    np.testing.assert_allclose(deflection[first], 1e3 * torque[first] / 1e4)
+    assert np.isnan(deflection[~first]).all()
+
+
 EFFICIENCY = {"protocol": "sample-efficiency", "n_train": 40}
 
 

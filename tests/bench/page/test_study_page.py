@@ -33,7 +33,7 @@ def test_a_page_has_its_notes_tables_and_figures_and_says_what_was_not_computed(
     made = MadeResults(tmp_path / study.name / "runs")
     keys = [
         key
-        for dataset in ("kr10-twin-rough", "kr10-twin-beam")
+        for dataset in ("kr10-twin-omni", "ur5-twin")
         for model in ("vjm", "gp")
         for key in made.add(model, [0.1], dataset, protocol="holdout")
     ]

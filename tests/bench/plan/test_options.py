@@ -121,11 +121,10 @@ def test_variants_are_cells_of_their_own_with_one_seed():
 
 
 def test_an_option_that_was_added_later_is_in_no_key_while_it_has_its_default():
-    words = ("kr10-twin", "kr10-twin@calibration=2", "kr10-twin@calibration=1")
-    default, chosen = planned(datasets=words).datasets
-    # stored options of kr10-twin before it had this option
-    assert default.identity == {"specimen": 0, "torques": "table-5", "seed": 0}
-    assert chosen.identity == {**default.identity, "calibration": 2}
+    words = ("vjm", "vjm@tcp=fit", "vjm@tcp=given")
+    default, chosen = planned(models=words).models
+    assert default.identity == {}  # stored options of vjm before it had this option
+    assert chosen.identity == {"tcp": "fit"}
     for choice, word in zip((default, chosen), words, strict=False):
         assert Choice.of_stored(choice.info, choice.identity).name == word
 

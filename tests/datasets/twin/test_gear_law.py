@@ -95,7 +95,7 @@ def test_the_width_at_zero_torque_after_the_rated_torque_is_the_given_one(width:
 
 
 def test_a_width_that_leaves_no_elastic_part_is_refused() -> None:
-    with pytest.raises(DataError):
+    with pytest.raises(DataError, match="softer than the gear"):
         law(3.0)
 
 

@@ -68,7 +68,7 @@ def test_constants_are_converted_to_springs_in_si_units(tmp_path):
             (TOP + JOINT.replace('"SHG-25"', gear), "joint.1.gear.*name of a gear, such as SHG-25")
             for gear in ("25", "25.0", "[1]", "nan")
         ),
-        (TOP + JOINT.replace("SHG-25", "SHG-23"), r"joint.1: .*'SHG-23'; did you mean 'SHG-2"),
+        (TOP + JOINT.replace("SHG-25", "SHG-23"), r"joint.1: unknown gear 'SHG-23'.*valid.*SHG-25"),
         (
             TOP + JOINT + "lost_motion_arcmin = 1.0",
             r"joint.1: unknown key 'lost_motion_arcmin' \(valid: gear, structure_Nm_per_rad, tilt",
@@ -129,7 +129,7 @@ def test_a_track_has_a_drive_and_a_guide_and_its_scatter(tmp_path):
 
 
 def test_a_drive_alone_gives_force_over_stiffness_along_the_track(tmp_path):
-    rigid = '[[joint]]\ngear = {rigidity_Nm_per_rad = 1e10, rated_Nm = 1e9}\n'
+    rigid = "[[joint]]\ngear = {rigidity_Nm_per_rad = 1e10, rated_Nm = 1e9}\n"
     rigid += "structure_Nm_per_rad = inf\ntilting_ratio = inf\n"
     slide = "[[joint]]\ndrive_N_per_m = 1e5\nguide_Nm_per_rad = inf\n"
     twin = DigitalTwin.in_world(on_a_track(tmp_path, slide + 6 * rigid), 0, "clean")

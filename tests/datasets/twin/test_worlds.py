@@ -65,7 +65,8 @@ def motion(twin: DigitalTwin, q: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     for load in wrench[:-1]:
         state = twin._settled(q.T, load.T, plays[-1]).plays if twin.has_friction else plays[-1]
         plays.append(state)
-    before, every, load = np.concatenate(plays, axis=2), np.tile(q, (len(wrench), 1)), wrench.reshape(-1, 6)
+    before, load = np.concatenate(plays, axis=2), wrench.reshape(-1, 6)
+    every = np.tile(q, (len(wrench), 1))
     effects = [effect for effect in twin.effects if not isinstance(effect, TrackedPoint)]
     points = [replace(twin, effects=(*effects, TrackedPoint(axis))) for axis in np.eye(3)]
     ends = [point._settled(every.T, load.T, before) for point in points]

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from helpers.made_samples import samples_with
-from stiff_datasets.twin.constants import shipped_constants, specimen_springs
+from stiff_datasets.twin.constants import shipped_constants
+from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.robot_twin import random_poses
-from stiff_datasets.twin.twin import DigitalTwin, TwinExperiment
+from stiff_datasets.twin.twin import DigitalTwin
 from stiff_models.io.model_file import load
 from stiff_models.physics.fitted_geometry import Geometry, moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, spring_twists
@@ -142,12 +143,12 @@ def offset_ur5():
     Paths are for the tool at the TCP, whose true deflection is known.
     """
     constants = shipped_constants("ur5")
-    robot, springs = constants.robot(), specimen_springs(constants, 0)
-    experiment = TwinExperiment(constants, loads="omni", specimen=0, seed=0)
-    experiment.twin = DigitalTwin(offset_robot(robot, np.array([0.0, 0.0, 0.03])), springs)
-    samples = experiment.samples(random_poses(constants, 151, 0))
-    tool_readings = DigitalTwin(robot, springs).readings
-    return PathCompensation().prepared(BenchmarkData(samples, robot, {}, tool_readings))
+    x, y, z = constants.tcp_m
+    measured = constants.model_copy(update={"tcp_m": (x, y, z + 0.03)})
+    samples = TwinExperiment(measured, specimen=0, seed=0).samples(random_poses(constants, 151, 0))
+    tool = DigitalTwin.in_world(constants, 0, "clean")
+    data = BenchmarkData(samples, tool.description, under_load=tool.truth)
+    return PathCompensation().prepared(data)
 
 
 def test_commands_are_for_the_tools_own_tcp_where_another_point_was_measured(offset_ur5):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from helpers.made_samples import samples_with
-from stiff_datasets.twin.constants import shipped_constants, specimen_springs
+from stiff_datasets.twin.constants import shipped_constants, specimen_law
 from stiff_datasets.twin.kr10_twin import Kr10Twin
-from stiff_datasets.twin.spring_law import SpringLaw
 from stiff_models.physics.full_vjm import FullVjm, ridge, spring_regressor, spring_units
 from stiff_models.physics.vjm import compliance_regressor, identify_joints
 from stiff_protocols.kinematics.serial_chain import joint_torque
@@ -72,7 +71,7 @@ def test_the_intervals_of_its_torsion_springs_hold_the_twins_own_where_those_of_
 ):
     data = Kr10Twin(specimen=specimen).load()
     samples, robot = data.samples, data.robot
-    gears = SpringLaw(specimen_springs(shipped_constants("kr10_r1100_2"), specimen))
+    gears = specimen_law(shipped_constants("kr10_r1100_2"), specimen)
     load = joint_torque(robot.jacobian(samples.q), samples.wrench)  # (n, 6) N m
     at_rest = -robot.gravity_torque(samples.q)
     angles = [

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from stiff_models import load
+from stiff_models.model_catalog import MODELS, SpringModel
 from stiff_models.networks.mlp import ResidualMlp
-from stiff_models.physics.vjm import OnPhysics, VirtualJointModel
+from stiff_models.physics.fitted_geometry import GeometryModel
+from stiff_models.physics.vjm import OnPhysics, fitted_physics
 from stiff_models.regressors.gp_model import VjmGp
 from stiff_models.regressors.regressor_model import VjmBoosting, ZeroModel
 
@@ -26,13 +30,34 @@ def with_vjm_deflections(samples, robot):
     )
 
 
-def test_a_learner_that_learns_nothing_leaves_the_physics(parts):
+def test_every_spring_model_of_the_catalogue_may_be_the_physics():
+    usable = [info for info in MODELS if not info.missing()]
+    springs = [info.key for info in usable if issubclass(info.load(), GeometryModel)]
+    assert list(get_args(SpringModel)) == springs
+
+
+@pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")
+@pytest.mark.parametrize("key", get_args(SpringModel))
+def test_a_learner_that_learns_nothing_leaves_the_physics(key, parts):
     robot, train, _, test = parts
-    model, physics = (cls().fit(train, robot=robot) for cls in (OnNothing, VirtualJointModel))
+    train = train.take(np.arange(40))
+    model = OnNothing(physics=key).fit(train, robot=robot)
+    physics = fitted_physics(key, train, robot)
     np.testing.assert_array_equal(
         model.predict(test.q, test.wrench), physics.predict(test.q, test.wrench)
     )
-    assert model.diagnostics_ == physics.diagnostics_
+    np.testing.assert_equal(model.diagnostics_, physics.diagnostics_)  # some are NaN
+
+
+@pytest.mark.parametrize("key", ["curve-springs", "gp-springs"])
+def test_a_saved_learner_predicts_the_same_on_any_physics(key, parts, tmp_path):
+    robot, train, _, test = parts
+    model = VjmBoosting(physics=key, trees=5).fit(train.take(np.arange(40)), robot=robot)
+    model.save(tmp_path / "model.stiff")
+    loaded_model = load(tmp_path / "model.stiff")
+    np.testing.assert_array_equal(
+        loaded_model.predict(test.q, test.wrench), model.predict(test.q, test.wrench)
+    )
 
 
 @pytest.mark.parametrize(

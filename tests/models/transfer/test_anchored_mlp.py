@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 import torch
 
 from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_models.model_catalog import SpringModel
 from stiff_models.networks.onnx_export import physics_module
 from stiff_models.physics.full_vjm import FullVjm
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
@@ -40,7 +42,8 @@ def errors(model, samples):
 @pytest.mark.parametrize(
     ("anchor", "cls", "options"),
     [
-        *((anchor, FtMlp, {"epochs": 0}) for anchor in TEACHERS),
+        *((anchor, FtMlp, {"epochs": 0}) for anchor in get_args(SpringModel)[:-1]),
+        pytest.param("gp-springs", FtMlp, {"epochs": 0}, marks=pytest.mark.slow),
         ("vjm-full", MlpPretrained, {}),
         ("vjm-multisegment", DeepEnsemble, {"epochs": 0, "members": 2}),
     ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -9,7 +11,7 @@ from sklearn.base import clone
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models import load
-from stiff_models.model_catalog import MODELS, model_info
+from stiff_models.model_catalog import MODELS, SpringModel, model_info
 from stiff_models.physics.vjm import VirtualJointModel, fitted_physics
 from stiff_models.transfer import pretraining
 from stiff_models.transfer.compliance_net import ComplianceNet
@@ -24,8 +26,8 @@ pytestmark = pytest.mark.usefixtures("small_source")
 
 TINY = {"width": 8, "pretrain_steps": 3, "device": "cpu"}
 TAKE_A_SOURCE = (
-    *("mlp-pretrained", "ft-mlp", "dt-cnn", "adann-2r", "tradaboost"),
-    *("compliance-net", "deep-ensemble", "mf-gp"),
+    *("mlp-pretrained", "ft-mlp", "dt-cnn", "adann-2r"),
+    *("compliance-net", "deep-ensemble"),
 )
 
 
@@ -62,7 +64,8 @@ def test_every_family_with_a_source_domain_takes_another_robots_and_no_other_doe
     ("key", "options"),
     [
         ("mlp-pretrained", {}),
-        ("mlp-pretrained", {"source_teacher": "vjm-full"}),
+        *(("mlp-pretrained", {"source_teacher": key}) for key in get_args(SpringModel)[1:-1]),
+        pytest.param("mlp-pretrained", {"source_teacher": "gp-springs"}, marks=pytest.mark.slow),
         pytest.param("ft-mlp", {"preset": "paper"}, marks=pytest.mark.slow),
         ("compliance-net", {"epochs": 0}),
         ("dt-cnn", {"alignment": "mk-mmd"}),
