@@ -8,8 +8,6 @@ import pytest
 
 from stiff_bench.paper.study_file import find_study, read_study
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.store.names import without_options
-from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 
 SIMPLE = (
@@ -76,7 +74,8 @@ def test_a_wrong_file_is_refused_by_file_key_and_value(text, message, tmp_path):
     ("name", "n_fits", "n_shared"),
     [
         *(("paper", 494, 25), ("paper-quick", 49, 1)),  # of several tables and figures
-        ("intervals", 945, 0),
+        ("intervals", 270, 0),
+        ("leaderboard", 3828, 0),
     ],
 )
 def test_a_shipped_study_asks_for_its_fits_by_valid_names(name, n_fits, n_shared, plans):
@@ -86,43 +85,35 @@ def test_a_shipped_study_asks_for_its_fits_by_valid_names(name, n_fits, n_shared
     assert len(requested_fits) == n_fits + n_shared
 
 
-NEED_WEIGHTS = {"tabpfn", "tabicl"}
-"""Models whose weights no package brings."""
+def test_the_leaderboard_has_every_world_of_twelve_robots_and_two_plans_of_the_clean_one(plans):
+    groups, (first, *_) = find_study("leaderboard").groups, plans("leaderboard")
+    assert [len(set(group)) for group in groups.values()] == [12] * 6
+    names = [name for name, group in groups.items() for _ in group]
+    assert len({choice.name for choice in first.datasets}) == 72
+    for name, choice in zip(names, first.datasets, strict=True):
+        world, _, plan = name.partition(", ")
+        assert choice.identity["world"] == world
+        assert choice.identity["plan"] == (plan or "wide")
 
 
-def test_the_leaderboard_has_every_shipped_model_on_twelve_robots_in_four_ways(plans):
-    study, requested = find_study("leaderboard"), plans("leaderboard")
-    keys = {choice.info.key for plan in requested for choice in plan.models}
-    assert keys == {info.key for info in MODELS} - NEED_WEIGHTS
-    assert [len(set(group)) for group in study.groups.values()] == [12] * 4
-    datasets = {choice.name: choice for plan in requested for choice in plan.datasets}
-    assert {name for group in study.groups.values() for name in group} < datasets.keys()
-
-
-def test_leaderboard_models_have_each_data_set_and_a_pre_training_with_the_seed_of_the_split(
-    plans,
-):
+def test_leaderboard_models_have_every_data_set_and_springs_a_second_split(plans):
     study = find_study("leaderboard")
-    main = [plan for plan in plans("leaderboard") if plan.protocols[0].name == "holdout-paths"]
-    datasets: dict[str, Counter] = defaultdict(Counter)
-    for plan in main:
-        for model in plan.models:
-            counted = datasets[without_options(model.name, "pretrain_seed")]
-            counted.update(
-                choice.name for choice in plan.datasets if choice.info.kind == "simulated"
-            )
-    on_all = {name: counts for name, counts in datasets.items() if len(counts) == 48}
-    few = {*study.board.variants, *(name for name in datasets if "tcp=fit" in name)}
-    assert datasets.keys() - on_all.keys() == few
-    assert all(len({*counts.values()}) == 1 for counts in on_all.values())
-    assert {on_all["vjm"]["ur5-twin"], on_all["mlp"]["ur5-twin"]} == {1, 2}
-    seeds = {
-        (plan.seed, model.params.get("pretrain_seed", 0))
-        for plan in main
-        for model in plan.models
-        if model.info.key in ("ft-mlp", "dt-cnn", "deep-ensemble", "adann-2r", "mlp-pretrained")
-    }
-    assert seeds == {(0, 0), (1, 1)}
+    counts: dict[str, Counter] = defaultdict(Counter)
+    for plan in plans("leaderboard"):
+        if plan.protocols[0].name == study.board.protocol:
+            for model in plan.models:
+                counts[model.name].update(choice.name for choice in plan.datasets)
+    assert {len(of_model) for of_model in counts.values()} == {73}
+    n_splits = {name: {*of_model.values()} for name, of_model in counts.items()}
+    assert {*map(frozenset, n_splits.values())} == {frozenset({1}), frozenset({1, 2})}
+    twice = {name for name, numbers in n_splits.items() if 2 in numbers}
+    assert twice == {"vjm", "vjm-full", "vjm-multisegment", "curve-springs", "gp-springs"}
+
+
+def test_the_leaderboards_controls_and_variants_are_models_that_it_runs(plans):
+    study = find_study("leaderboard")
+    models = {model.name for plan in plans("leaderboard") for model in plan.models}
+    assert {*study.board.variants, *study.board.controls, *study.board.controls.values()} <= models
 
 
 def test_the_quick_study_is_a_part_of_the_full_one_on_one_split(plans):
@@ -134,7 +125,7 @@ def test_the_short_leaderboard_is_one_split_of_four_robots_with_every_model_of_t
     study = find_study("leaderboard")
     (run,) = study.lite_version().run
     assert (run.datasets, run.splits, run.seed) == (study.lite, 1, 0) and len(run.datasets) == 4
-    assert set(run.models) >= {"vjm", "gp-springs", "ft-mlp", "mlp"}
+    assert set(run.models) == {word for part in study.run[:-1] for word in part.models}
     assert run.settings == () and run.protocols == study.run[0].protocols
 
 
@@ -155,6 +146,6 @@ def test_another_model_takes_part_in_every_division_once_with_its_own_settings(t
         for run in study.run
         for dataset in run.datasets
     ]
-    assert len(set(divisions)) == len(divisions) == 2 * 48 + 2 * 24 + 1
+    assert len(set(divisions)) == len(divisions) == 4 * 72 + 1
     assert {run.models for run in study.run} == {("vjm", "ft-mlp")}
-    assert {word for run in study.run for word in run.settings} == {"ft-mlp.pretrain_seed=1"}
+    assert {word for run in study.run for word in run.settings} == set()
