@@ -60,8 +60,6 @@ MADE_BY = {
     "docs/large-studies.md": ["run --model zero --splits 1"],
 }
 """Commands of the page that make what its Python blocks read."""
-QUICKER = (("splits=5", "splits=2"), ('"vjm", "vjm-gp", "gp-springs"', '"vjm",'))
-"""What a block runs, and what the test runs in its place: the same with fewer fits."""
 
 
 def test_every_name_in_a_python_block_is_defined(tmp_path):
@@ -110,8 +108,6 @@ def test_the_python_blocks_of_a_page_run(page, tmp_path, monkeypatch):
     has_cluster = find_spec("dask_jobqueue") is not None
     blocks = [block for block in BLOCKS[page] if has_cluster or "dask_jobqueue" not in block]
     script = "\n".join(blocks)
-    for usual, quicker in QUICKER:
-        script = script.replace(usual, quicker)
     (tmp_path / "page.py").write_text(script, encoding="utf-8")
     runpy.run_path("page.py", run_name="page")  # a main guard's block would start a cluster
 

@@ -24,7 +24,7 @@ from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
 
 DATASETS = ("kr10-twin", "arm-family@robot=0", "arm-family@robot=4")
-MODELS = ("vjm", "gp", "vjm-gp", "gp-springs", "deep-ensemble")
+MODELS = ("vjm", "gp", "vjm-gp", "gp-springs")
 Loads = Literal["measured", "any direction"]
 LOADS: tuple[Loads, ...] = ("measured", "any direction")
 TWINS, PLANNED = ("kr10_r1100_2", "gp12", "ur5"), (30, 60, 120)

@@ -18,10 +18,10 @@ from stiff_protocols.scoring.paired import holm
 N_ROBOTS = len(GOOD)
 
 
-def frame_of(made: MadeResults, groups=(), few=()) -> DataFrame:
+def frame_of(made: MadeResults, few=()) -> DataFrame:
     few_scores = {name: made.scores(protocol=word) for name, word in dict(few).items()}
     scores = made.scores(protocol="holdout")
-    return model_frame(scores, few_scores, dict(groups)).set_index("model")
+    return model_frame(scores, few_scores).set_index("model")
 
 
 def data_text(made: MadeResults) -> str:
@@ -53,11 +53,27 @@ def test_data_sets_and_protocols_of_one_robot_weigh_the_same_and_are_one_vote(ma
             change = 1.0 + 0.01 * number
             made.add_robot(number, {"net": ratio * change}, words=f"@plan={plan}")
     made.add_robot(0, {"net": 0.8}, words="@plan=wide", seed=1)  # a repeat has no vote
-    wide = [f"arm-{number}@plan=wide" for number in range(N_ROBOTS)]
-    net = frame_of(made, groups={"wide": wide}).loc["net"]
+    net = frame_of(made).loc["net"]
     spread = stats.gmean(1.0 + 0.01 * np.arange(N_ROBOTS))
     assert net["ratio"] == pytest.approx(0.4 * spread) and net["n robots"] == N_ROBOTS
-    assert net["group", "wide"] == pytest.approx(0.8 * spread)
+
+
+def test_worlds_of_a_robot_weigh_the_same_and_have_columns_with_intervals(made):
+    """Two plans share the vote of the world clean."""
+    ratios = {"@plan=narrow@world=clean": 0.2, "@world=clean": 0.8, "@world=all": 0.9}
+    for number in range(N_ROBOTS):
+        for words, ratio in ratios.items():
+            change = 1.0 + 0.01 * number
+            made.add_robot(number, {"net": ratio * change}, words=words)
+    net = frame_of(made).loc["net"]
+    logs = np.log(1.0 + 0.01 * np.arange(N_ROBOTS))
+    spread = np.exp(logs.mean())
+    assert net["ratio"] == pytest.approx(np.sqrt(0.4 * 0.9) * spread)
+    assert net["world", "clean"] == pytest.approx(0.4 * spread)
+    assert net["without clean"] == net["world", "all"] == pytest.approx(0.9 * spread)
+    bounds = stats.t.interval(0.95, len(logs) - 1, logs.mean(), stats.sem(logs))
+    ends = [net[f"world {end}", "all"] for end in ("low", "high")]
+    assert ends == pytest.approx(0.9 * np.exp(bounds))
 
 
 def test_with_few_robots_the_ratio_is_their_mean_and_there_is_no_interval(made):
@@ -82,7 +98,18 @@ def test_p_values_are_sign_flips_over_robots_corrected_for_all_models(made):
     made.add_robots()
     frame = frame_of(made)
     assert frame.loc["good", "p"] == pytest.approx(holm([2 / 128, 2 / 128])[0])
-    assert np.isnan(frame.loc["good", "p best"]) and frame.loc["fair", "like best"] is False
+    assert frame.loc["fair", "like best"] is False
+
+
+def test_the_rival_is_the_best_spring_model_and_every_model_has_a_verdict_against_it(made):
+    for number, ratio in enumerate(GOOD):
+        ratios = {"net": 0.5 * ratio, "vjm-full": ratio, "curve-springs@a=1": 2.0 * ratio}
+        made.add_robot(number, ratios)
+    frame = frame_of(made)
+    assert {*frame["rival"]} == {"vjm-full"}
+    assert frame["verdict rival"].to_dict() == {
+        **{"net": "better", "vjm-full": "baseline", "curve-springs@a=1": "worse", "vjm": "worse"}
+    }
 
 
 def test_a_model_within_five_percent_of_the_best_is_like_it(made):

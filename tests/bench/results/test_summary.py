@@ -46,7 +46,7 @@ def test_exceptions_name_robots_on_which_another_model_is_ahead(made):
 def test_rivals_that_are_not_clearly_worse_are_named(made):
     for number, ratio in enumerate(GOOD):
         rival = ratio * (0.9 if number % 2 else 1.15)
-        made.add_robot(number, {"net": ratio, "rival": rival})
+        made.add_robot(number, {"vjm-full": ratio, "rival": rival})
     assert "Not significantly worse: rival" in sentence_of(made, "How sure")
 
 
