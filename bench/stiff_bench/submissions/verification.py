@@ -34,7 +34,7 @@ from stiff_bench.tables.units import MM, counted, first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import FloatArray, Prediction
+from stiff_protocols.contract.types import DRAWN, TRUTH, FloatArray, Prediction
 
 METRIC_TOLERANCE = 1e-9
 """Largest relative difference of a metric that is rounding."""
@@ -212,12 +212,13 @@ def check_metrics(submission: Submission, tasks: Mapping[Place, CellTask]) -> Ch
 
 def _prediction(record: Record, task: CellTask) -> Prediction:
     """Return the predictions of a record with the deflections of the data."""
-    rows = task.split.reported
+    rows, bounds = task.split.reported, task.data.bound_deflections
     return Prediction(
         rows=rows,
         predicted=record.predicted,
         measured=task.data.samples.deflection[rows],
         reference=reference_values(task, fit_input(task)),
+        bound_deflections={name: bounds[name][rows] for name in (TRUTH, DRAWN) if name in bounds},
     )
 
 

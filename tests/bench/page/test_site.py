@@ -16,7 +16,6 @@ from stiff_protocols.contract.errors import ConfigError
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("site")]
 MODELS = ("vjm", "vjm-full", "zero", "knn@neighbours=3")
 DATASETS = ("ur5-twin", "kr10-twin@plan=wide", *(f"arm-family@robot={n}" for n in (1, 2, 3)))
-WITHDRAWN = "Withdrawn: the claim of this board"
 STUDY = f"""
 title = "A small board"
 models = {list(MODELS)}
@@ -27,7 +26,6 @@ tables = ["leaderboard"]
 [board]
 protocol = "holdout-paths"
 extras = ["tabm"]
-withdrawn = "{WITHDRAWN}"
 [groups]
 "tilting, wide" = {list(DATASETS)}
 """
@@ -57,11 +55,6 @@ def site(study) -> Path:
 def test_the_pages_name_their_folder_and_the_studys_page_does_not(site, study):
     assert f"bench reproduce --site {site}" in (site / INDEX).read_text("utf-8")
     assert "--site" not in (study / "small" / "README.md").read_text("utf-8")
-
-
-def test_the_reason_of_a_withdrawal_is_the_headline_of_the_board(site, study):
-    assert re.search(rf"<h2[^>]*>{WITHDRAWN}</h2>", (site / INDEX).read_text("utf-8"))
-    assert f"\n**{WITHDRAWN}**\n" in (study / "small" / "README.md").read_text("utf-8")
 
 
 def pages(site: Path) -> list[Path]:
