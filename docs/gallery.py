@@ -1,12 +1,13 @@
 """Draw every figure of `bench list figures` for the gallery: `python docs/gallery.py`.
 
-Writes the pictures to docs/assets/gallery and the page docs/gallery.md. Most figures show
-`results/paper/runs`; the fits behind the others take about three minutes. With names, only those
+Writes the pictures to docs/assets/gallery and the page docs/gallery.md. The figures of networks
+show `results/paper/runs`; the fits behind the others take some minutes. With names, only those
 figures are drawn: `python docs/gallery.py robot springs`.
 """
 
 from __future__ import annotations
 
+import functools
 import io
 import sys
 import tempfile
@@ -33,7 +34,12 @@ bench figure scores --results results/runs --output scores.png
 
 More pictures: [tool path](correct-a-path.md), [stiffness map and posture](place-the-work.md),
 [board](read-the-results.md).
+
+The pictures `losses`, `sweep`, `freezing` and those of the paper except Figure 4 show
+`results/paper/runs`: the `kr10-twin` of version 0.2, whose gears had lost motion.
 """
+COMPARED = ("vjm", "vjm-full", "vjm-multisegment", "vjm-gp", "gp-springs")
+OF_COMPARED = ("scores", "regression", "errors", "workspace", "springs")
 CURVES = ("vjm", "vjm-gp", "gp-springs")
 COVERAGES = (0.5, 0.7, 0.9)
 
@@ -51,6 +57,8 @@ def prepare(name: str) -> Prepared:
     """Gather the numbers of one figure."""
     if name == "4":  # fitted when it is drawn
         return sb.figure(name)
+    if name in OF_COMPARED:
+        return sb.figure(name, compared_models())
     if name == "robot":
         return sb.figure(name, sb.load_dataset("kr10-twin"))
     if name == "learning-curves":
@@ -69,6 +77,12 @@ def prepare(name: str) -> Prepared:
                 )
             return sb.figure(name, folder)
     return sb.figure(name, PAPER_RUNS)
+
+
+@functools.cache
+def compared_models() -> sb.Results:
+    """Fit the README's models to the simulated KR10."""
+    return sb.evaluate(COMPARED, "kr10-twin", splits=5)
 
 
 def save_small(prepared: Prepared, path: Path) -> None:

@@ -1,7 +1,7 @@
 """Do 90 % intervals hold between the measured poses, and under other loads?
 
-`python results/scripts/coverage_between_poses.py` prints the table of docs/models.md (a quarter of
-an hour); with the word `planned`, that of twins measured by `bench data plan`.
+`python results/scripts/coverage_between_poses.py` prints the table of docs/models.md (a minute);
+with the word `planned`, the table of twins measured by `bench data plan`.
 """
 
 from __future__ import annotations

@@ -296,7 +296,7 @@ def outcome(fault: str, data: Clean, path: Path) -> str:
 OUTCOMES = ("named", "wrongly named", "suspected", "missed")
 
 
-def table_of_faults(specimens: int = 3) -> str:
+def table_of_faults(specimens: int = 1) -> str:
     """Return a line a fault with its outcomes, those that are always named in one line."""
     outcomes, sources = [], [*TWINS, "FANUC"]
     with tempfile.TemporaryDirectory() as folder:

@@ -174,7 +174,7 @@ def board_tables(
         f"{INTERVAL} over robots (Student's t of the logarithms); one vote per robot.",
         "verdict against the VJM: significant over robots (sign flips, Holm), or open; won: "
         "robots with the smallest error.",
-        *([MEASURED_NOTE] if _names(table, "measured") else []),
+        *([MEASURED_NOTE] if _names(table, "measured verdict") else []),
         *notes,
     ]
     title = f"Error over the VJM's, geometric mean over {scores.scope}"

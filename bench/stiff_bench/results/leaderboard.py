@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,9 @@ from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from stiff_bench.results.columns import board_tables, dataset_table
+import numpy as np
+
+from stiff_bench.results.columns import BEST, board_tables, dataset_table
 from stiff_bench.results.load import StoredResults, Task, newest_tasks
 from stiff_bench.results.notes import (
     SELECTION_MARK,
@@ -31,7 +34,7 @@ from stiff_bench.results.summary import (
     summarize,
 )
 from stiff_bench.store.names import grouped, labels, without_options
-from stiff_bench.tables.table import Table
+from stiff_bench.tables.table import Entry, Quantity, Table
 from stiff_bench.tables.units import first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
@@ -189,6 +192,11 @@ def plan_tables(
 # the leaderboard of a study
 
 
+def without_mark(cell: Entry) -> Entry:
+    """Return a cell without the mark behind its number."""
+    return replace(cell, mark="") if isinstance(cell, Quantity) else cell
+
+
 VERIFIED = "verified"
 STATUS_NOTE = "reported: results of a submission whose code could not be run again."
 
@@ -247,6 +255,8 @@ class StudyLeaderboard:
             ConfigError: fewer than five robots have results of a model.
         """
         table = model_frame(self.scores, self.few, self.readings)
+        no_verdicts = [key for key in table if isinstance(key, tuple) and "verdict" in key[0]]
+        table = table.drop(columns=no_verdicts)  # measured data are exploratory
         if "won" not in table:
             raise ConfigError("no model has all results on five robots: the study is not finished")
         logs = complete_logs(self.scores)
@@ -282,15 +292,23 @@ class StudyLeaderboard:
     def _measured_tables(self) -> Iterator[Table]:
         """Yield the tables of measured data sets: estimates without verdicts."""
         tasks = [*chain.from_iterable(self.readings.measured.values())]
-        for table in dataset_tables(self.readings.over(tasks)):
-            columns = [column for column in table.columns if column.name != "verdict"]
-            kept_columns = [table.columns.index(column) for column in columns]
-            rows = [[row[place] for place in kept_columns] for row in table.rows]
+        if not tasks:
+            return
+        for task, table in zip(tasks, dataset_tables(self.readings.over(tasks)), strict=False):
+            shown_columns = [i for i, of in enumerate(table.columns) if of.name != "verdict"]
+            estimates = [of[0] for name in task.models if (of := task.estimates(name))]
+            half = [(estimate.high - estimate.low) / 2.0 for estimate in estimates]
+            share = float(np.median(half)) / task.mean(REFERENCE_MODEL) if half else math.nan
             notes = [
                 "exploratory: tcp=fit and a prior of vjm-full were chosen on these samples, so no "
                 "verdicts are given.",
-                *table.notes,
+                f"{len(task.data.measured)} samples cannot show a difference below about "
+                f"{100.0 * share:.0f} % of the VJM's error (median half width of the intervals "
+                "over splits).",
+                *(note for note in table.notes if not note.startswith(BEST)),
             ]
+            rows = [[without_mark(row[i]) for i in shown_columns] for row in table.rows]
+            columns = [table.columns[i] for i in shown_columns]
             yield replace(table, columns=columns, rows=rows, notes=notes)
 
     def _variant_tables(self) -> Iterator[Table]:

@@ -122,19 +122,19 @@ def _models_ahead(scores: Scores, model: str) -> Iterator[str]:
 
 def _lead_data(scores: Scores, lead: Row, rows: Sequence[Row]) -> str:
     """Return the number of measured robots, and the scores on them."""
+    datasets = [key[1] for key in lead if isinstance(key, tuple) and key[0] == "measured"]
+    n_elsewhere = len({*datasets} - {*scores.measured})  # scored against readings, not the truth
     robots = scores.frame.drop_duplicates("robot")
-    n_measured = int((robots["kind"] == "measured").sum())
+    n_measured = int((robots["kind"] == "measured").sum()) + n_elsewhere
     verb = "is" if n_measured == 1 else "are"
-    text = f"{n_measured} of {counted(len(robots), 'robot')} {verb} measured"
-    for dataset, tasks in scores.measured.items():
+    text = f"{n_measured} of {counted(len(robots) + n_elsewhere, 'robot')} {verb} measured"
+    for dataset in datasets:
         key = "measured", dataset
         if (ratio := number(lead, key)) is None:
             continue
-        verdict = VERDICT_TEXTS[lead["measured verdict", dataset]] or "not tested"
-        text += (
-            f"; on {dataset} ({counted(len(tasks[0].data.measured), 'sample')}) {lead['model']} "
-            f"has {_ratio(ratio)} times the VJM's error ({verdict})"
-        )
+        text += f"; on {dataset} {lead['model']} has {_ratio(ratio)} times the VJM's error"
+        if verdict := VERDICT_TEXTS.get(lead.get(("measured verdict", dataset)), ""):
+            text += f" ({verdict})"
         in_data = {row["model"]: value for row in rows if (value := number(row, key))}
         best = min(in_data, key=lambda name: in_data[name])
         if best != lead["model"]:

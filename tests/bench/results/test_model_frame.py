@@ -125,7 +125,7 @@ def test_measured_robots_have_their_own_columns_and_are_not_averaged(made):
     assert good["ratio"] == pytest.approx(stats.gmean(GOOD)) and good["n robots"] == N_ROBOTS
     assert good["measured", "arm-9"] == pytest.approx(3.0)
     assert good["measured verdict", "arm-9"] == "b"
-    assert data_text(made).startswith("1 of 8 robots is measured; on arm-9 (12 samples) good has")
+    assert data_text(made).startswith("1 of 8 robots is measured; on arm-9 good has")
     assert "smallest on the board: fair (0.50)" in data_text(made)
 
 
