@@ -307,7 +307,8 @@ def _with_robots(
         of_world = rows[rows["world"] == world]
         further["world", world] = logs = robot_logs(of_world, "error ratio")
         further["oracle", world] = robot_logs(of_world, "oracle ratio")
-        means_of = {str(m): mean_ratio(logs[m]) for m in logs.dropna(axis="columns")}
+        complete = logs.dropna(axis="columns") if len(logs) > 1 else logs.iloc[:, :0]
+        means_of = {str(m): mean_ratio(complete[m]) for m in complete}
         for end in ("low", "high"):
             ends = {name: vars(mean)[end] for name, mean in means_of.items()}
             table[f"world {end}", world] = Series(ends, dtype=float)
