@@ -112,9 +112,10 @@ def diagnose(
 ) -> Diagnosis:
     """Compare the samples as they are with every hypothesis.
 
-    The best hypothesis meets three conditions. It lowers the RMS residual by more than 5 to 30 %
+    The best hypothesis meets four conditions. It lowers the RMS residual by more than 5 to 30 %
     (`min_gain`). It lowers the squared residual by more than two standard errors of the difference.
-    It explains nearly as much as joint springs explain of clean data. Differences are summed by
+    It explains nearly as much as joint springs explain of clean data. It does so with springs
+    across the joints' axes, too. Differences are summed by
     pose, because the loads of a pose share their errors. The test is the one of Q. Vuong
     (Econometrica 57, 1989) for models that do not contain each other. Of hypotheses that tie, the
     likeliest with stiffnesses of a usual size is named.
@@ -137,6 +138,17 @@ def diagnose(
     if n_poses < MIN_POSES:
         return Diagnosis(given)
     better_fits = _better_hypotheses(data, given, pose, fold, joints_only, may_fit)
+    if better_fits:  # not what bearings that tilt explain as well
+        tilting = _cross_validate("", with_tilting_joints(data), fold)
+        better_fits = [
+            fit
+            for fit in better_fits
+            if _clearly_better(
+                _cross_validate("", with_tilting_joints(fit.reading), fold, fit.min_gain),
+                tilting,
+                pose,
+            )
+        ]
     if _stiffness_size(data) == "usual":  # an undone mistake leaves a usual size
         better_fits = [fit for fit in better_fits if _stiffness_size(fit.reading) != "unusual"]
     lowest = min((fit.score for fit in better_fits), default=0.0)
