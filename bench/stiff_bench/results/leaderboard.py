@@ -254,9 +254,7 @@ class StudyLeaderboard:
         Raises:
             ConfigError: fewer than five robots have results of a model.
         """
-        table = model_frame(self.scores, self.few, self.readings)
-        no_verdicts = [key for key in table if isinstance(key, tuple) and "verdict" in key[0]]
-        table = table.drop(columns=no_verdicts)  # measured data are exploratory
+        table = self._model_frame(self.scores, self.few)
         if "won" not in table:
             raise ConfigError("no model has all results on five robots: the study is not finished")
         logs = complete_logs(self.scores)
@@ -268,6 +266,12 @@ class StudyLeaderboard:
             statuses = [self.statuses.get(name, VERIFIED) for name in table["model"]]
             table = table.assign(status=statuses)
         return table
+
+    def _model_frame(self, scores: Scores, few: Mapping[str, Scores]) -> DataFrame:
+        """Return a `model_frame` without verdicts on measured data, which are exploratory."""
+        table = model_frame(scores, few, self.readings)
+        of_measured = [key for key in table if isinstance(key, tuple) and "verdict" in key[0]]
+        return table.drop(columns=of_measured)
 
     @property
     def board_frame(self) -> DataFrame:
@@ -323,7 +327,7 @@ class StudyLeaderboard:
         if not scores.tasks:
             return
         few = {heading: self._scores(settings.few[heading], names) for heading in self.few}
-        table = model_frame(scores, few, self.readings)
+        table = self._model_frame(scores, few)
         for part in board_tables(scores, table, dict(pairs), split_notes(scores, table)):
             yield replace(part, title=f"Variants: {part.title}", about={"table": "variants"})
 
