@@ -260,7 +260,8 @@ class StudyLeaderboard:
         logs = complete_logs(self.scores)
         for name, control in self.settings.controls.items():
             if {name, control} <= {*logs} and (logs[name] - logs[control]).abs().max() < ROUNDING:
-                is_equal = table["model"] == name
+                is_equal, is_control = table["model"] == name, table["model"] == control
+                table.loc[is_control, "won"] += table.loc[is_equal, "won"].sum()
                 table.loc[is_equal, ["mark", "won"]] = f"= {control}", 0.0
         if self.statuses:
             statuses = [self.statuses.get(name, VERIFIED) for name in table["model"]]

@@ -8,13 +8,18 @@ import io
 import pytest
 
 from helpers.figure_results import with_fields
-from helpers.made_results import TWINS, MadeResults, forget
-from stiff_bench.results.leaderboard import Leaderboard, build_leaderboard, leaderboard_tables
+from helpers.made_results import GOOD, TWINS, MadeResults, forget
+from stiff_bench.results.leaderboard import (
+    Leaderboard,
+    StudyLeaderboard,
+    build_leaderboard,
+    leaderboard_tables,
+)
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.notes import TRAINING_MARK
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.results.scores import model_frame
-from stiff_bench.results.selection import Selection
+from stiff_bench.results.selection import BoardSettings, Selection
 from stiff_bench.tables.writers import render
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost
@@ -228,3 +233,23 @@ def test_costs_rank_models_without_a_test(made):
     assert order(board) == ["quick", "slow"] and "≈" not in text_of(board)
     assert len(task.splits) == 3 and not task.left_out
     assert task.missing["unknown"] == "no value of fit time [ms]"
+
+
+def test_on_a_study_s_board_a_model_equal_to_its_teacher_says_so_and_wins_nothing(made):
+    for number, ratio in enumerate(GOOD):
+        made.add_robot(number, {"net": ratio, "vjm-full": ratio})
+    settings = BoardSettings("holdout", controls={"net": "vjm-full"})
+    frame = StudyLeaderboard(StoredResults.read(made.folder), settings).frame.set_index("model")
+    assert frame.loc["net", ["mark", "won"]].tolist() == ["= vjm-full", 0.0]
+    assert frame.loc["vjm-full", "won"] == len(GOOD)
+
+
+def test_on_a_study_s_board_measured_data_have_estimates_and_no_verdicts(made):
+    made.add_robots()
+    made.add_robot(9, {"good": 3.0, "fair": 0.5}, kind="measured")
+    board = StudyLeaderboard(StoredResults.read(made.folder), BoardSettings("holdout"))
+    assert board.frame.set_index("model")["measured", "arm-9"]["good"] == pytest.approx(3.0)
+    assert not any("verdict" in key[0] for key in board.frame if isinstance(key, tuple))
+    (table,) = [table for table in board.tables if table.about.get("table") == "data set"]
+    assert "verdict" not in {column.name for column in table.columns}
+    assert any("cannot show a difference" in note for note in table.notes)
