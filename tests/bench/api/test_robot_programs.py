@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +18,13 @@ from helpers.command_line import bench_here
 from helpers.robot_programs import DOCS, FILES, ROBOTS, poses_of_program, program_of_poses
 from stiff_bench.api.robot_programs import compensate_program
 from stiff_datasets.robots.shipped_robots import named_robot, shipped_chain
-from stiff_protocols.contract.errors import ConfigError, DataError, ModelError, StoreError
+from stiff_protocols.contract.errors import (
+    ConfigError,
+    DataError,
+    ModelError,
+    StiffBenchWarning,
+    StoreError,
+)
 
 DATA = {
     "kr10-r1100-2": ("kr10-twin", {}),
@@ -33,7 +40,9 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.IGNORECASE)
 @cache
 def model_of(robot: str):
     name, options = DATA[robot]
-    return sb.make_model("vjm").fit(sb.load_dataset(name, **options))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StiffBenchWarning)  # J6 of the IRB 120 hardly turns
+        return sb.make_model("vjm").fit(sb.load_dataset(name, **options))
 
 
 def options_of(name: str) -> dict:

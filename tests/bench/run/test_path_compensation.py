@@ -92,7 +92,7 @@ def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_ther
     np.testing.assert_array_equal(fitted.predicted, predicted)
     middle = 0.5 * (fitted.interval.lower + fitted.interval.upper)
     away = np.linalg.norm(middle - model.predict(at_tcp, given.wrench), axis=1).mean()
-    assert np.linalg.norm(middle - predicted, axis=1).mean() < 0.3 * away  # of a second fit
+    assert np.linalg.norm(middle - predicted, axis=1).mean() < 0.5 * away  # of a second fit
 
 
 def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results):

@@ -24,7 +24,7 @@ def make(key, **options):
     [
         ("sklearn:svm.SVR", {}),  # one output
         ("vjm+sklearn:ensemble.GradientBoostingRegressor", {"n_estimators": 5}),  # one output
-        (FOREST, {"n_estimators": 5}),  # several
+        (FOREST, {"n_estimators": 50}),  # several
         ("vjm+sklearn:linear_model.Ridge", {}),  # several
     ],
 )
