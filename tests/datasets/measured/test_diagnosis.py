@@ -32,7 +32,7 @@ QUICK = {
     ],
 }
 """One mistake of each kind: the wrench, a unit, the joints, free numbers, a column."""
-SOMETIMES = {"torque about the flange", "tool of 1 kg not tared"}
+SOMETIMES = {"torque about the flange", "tool of 1 kg not tared", "tool of 2.5 kg not tared"}
 """Mistakes that are not named if they change the residual by less than 5 % or 15 %."""
 
 
