@@ -54,7 +54,7 @@ class CurveSprings(GeometryModel):
         ends_: (2, n_joints) T1 and T2, N m or N.
         torque_: (n_joints,) T, N m or N.
         coefficients_: (n_columns,) coefficients.
-        scale_: typical compliance of a spring over the prior's.
+        typical_: (n_springs,) typical compliances, rad/(N m) or m/N: the coefficients' units.
         diagnostics_: number of coefficients, penalty, and the fitted geometry.
     """
 
@@ -72,8 +72,10 @@ class CurveSprings(GeometryModel):
         largest = size.max(axis=0)
         self.torque_ = np.where(largest > 0.0, largest, 1.0)  # of a joint without torque: any
         self.ends_ = np.quantile(size, [1.0 / 3.0, 2.0 / 3.0], axis=0)
-        typical = lines @ typical_springs(robot, SPRINGS_PER_JOINT)
-        self.scale_ = float((typical * train.deflection).sum() / ((typical**2).sum() or 1.0)) or 1.0
+        typical = typical_springs(robot, SPRINGS_PER_JOINT)
+        moved = lines @ typical
+        scale = float((moved * train.deflection).sum() / ((moved**2).sum() or 1.0)) or 1.0
+        self.typical_ = scale * typical
         columns = self._columns(robot, train.q, train.wrench)
         strength = self._chosen_strength(train, columns, seed)
         self.coefficients_ = self._solved(columns, train.deflection, strength)
@@ -115,12 +117,11 @@ class CurveSprings(GeometryModel):
 
         The lines of all springs come first.
         """
-        typical = self.scale_ * typical_springs(robot, SPRINGS_PER_JOINT)
         twists = spring_twists(robot, q, SPRINGS_PER_JOINT)
-        lines = unit_deflections(twists, wrench) * typical
+        lines = unit_deflections(twists, wrench) * self.typical_
         kind = np.array(spring_columns(robot, SPRINGS_PER_JOINT)) % SPRINGS_PER_JOINT
         is_own = kind == SPRINGS_PER_JOINT - 1
-        move = twists[:, :3, is_own] * typical[is_own]
+        move = twists[:, :3, is_own] * self.typical_[is_own]
         unloaded, loaded = self._torques(robot, q, wrench)
         parts = [
             *(np.clip(loaded, -end, end) - np.clip(unloaded, -end, end) for end in self.ends_),

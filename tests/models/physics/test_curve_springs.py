@@ -145,6 +145,18 @@ def test_a_wrong_tcp_is_found_exactly_with_linear_springs_and_to_a_tenth_with_cu
         assert np.linalg.norm(model.geometry_.point - robot.tcp) < tolerance  # m
 
 
+def test_with_a_fitted_tcp_the_deflection_of_the_given_tcp_has_the_same_springs(strain_wave, rng):
+    robot, _, test = strain_wave
+    samples = linear_samples(robot, rng)
+    wrong = replace(robot, tcp=robot.tcp - OFFSET)
+    compliance = FullVjm().fit(samples, robot=robot).compliance_
+    there = spring_regressor(wrong, test.q, test.wrench, 3) @ compliance
+    fitted = CurveSprings(tcp="fit").fit(samples, robot=wrong)
+    np.testing.assert_allclose(
+        fitted.predict_at_tcp(test.q, test.wrench), there, rtol=0.0, atol=1e-3 * np.abs(there).max()
+    )
+
+
 def test_a_wild_reading_moves_student_weights_least(strain_wave):
     robot, train, test = strain_wave
     deflection = train.deflection.copy()
