@@ -174,8 +174,8 @@ def simulate(
 
     Args:
         output: new .csv or .parquet file.
-        twin: simulated robot: kr10-r1100-2, ur5, an arm such as gp12, or a
-            .toml file with your own constants.
+        twin: simulated robot: kr10-r1100-2, ur5, an arm such as gp12, or a .toml file with your
+            own constants.
         samples: number of samples.
         loads: the paper's wrenches (line), its forces at a hook (line-hook), or forces in all
             directions at a hook (omni).

@@ -255,10 +255,8 @@ def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[st
 
 
 def _further_table(table: DataFrame, rows: Sequence[Row]) -> Table:
-    single = {
-        **{"p95": "95th percentile", "path": "tool paths", "readings": "readings"},
-        **{"noise": "noise", "without clean": "without clean"},
-    }
+    single = {"p95": "95th percentile", "path": "tool paths"}
+    single |= {name: name for name in ("readings", "noise", "without clean")}
     keys: dict[Any, str] = {
         **{key: name for key, name in single.items() if any(number(row, key) for row in rows)},
         **{("few", name): name for name in _names(table, "few")},
@@ -409,10 +407,17 @@ def _mean_column(name: str, metric: str, axis: str = "") -> Column:
     return Column(name, format=SCREEN_FORMAT, value=value)
 
 
-def dataset_table(scores: Scores, notes: Sequence[str]) -> Table:
-    """Return the models in tasks that differ at most in their seed, best first, with intervals."""
+def dataset_table(scores: Scores, notes: Sequence[str], *, has_verdicts: bool = True) -> Table:
+    """Return the models in tasks that differ at most in their seed, best first, with intervals.
+
+    Without verdicts there are no marks either.
+    """
     key, first = scores.key, scores.tasks[0]
-    rows = [row for task in scores.tasks for row in _dataset_rows(scores, task)]
+    rows = [
+        row
+        for task in scores.tasks
+        for row in _dataset_rows(scores, task, has_verdicts=has_verdicts)
+    ]
     number: dict[str, Any] = {"unit": key.unit, "format": number_format(key.metric)}
     about = {"metric": key.metric.key, "axis": key.axis}
     intervals = [
@@ -425,7 +430,7 @@ def dataset_table(scores: Scores, notes: Sequence[str]) -> Table:
         [
             *(MODEL, *(texts("seed") if len(scores.tasks) > 1 else [])),
             Column(key.text, value=itemgetter("score"), about=about, **number),
-            *(CHANGE, *intervals, *texts("verdict")),
+            *(CHANGE, *intervals, *(texts("verdict") if has_verdicts else [])),
         ],
         rows,
         notes,
@@ -437,9 +442,10 @@ def dataset_table(scores: Scores, notes: Sequence[str]) -> Table:
     )
 
 
-def _dataset_rows(scores: Scores, task: ScoredTask) -> Iterator[Row]:
+def _dataset_rows(scores: Scores, task: ScoredTask, *, has_verdicts: bool) -> Iterator[Row]:
     """Yield the models in a task, best first; models without a score come last."""
-    key, best, like_best = scores.key, task.best(), task.like_best()
+    key = scores.key
+    best, like_best = (task.best(), task.like_best()) if has_verdicts else ("", set())
     ranked = sorted(task.models, key=lambda name: key.sign * task.mean(name))
     for name in (*ranked, *sorted({*scores.models, *scores.missing} - {*ranked})):
         score = Quantity(status=task.status(name))
@@ -451,6 +457,7 @@ def _dataset_rows(scores: Scores, task: ScoredTask) -> Iterator[Row]:
             Quantity(low=key.factor * estimate.low, high=key.factor * estimate.high)
             for estimate in ([] if is_reference else task.estimates(name))
         ]
+        verdict = task.verdict(name) if has_verdicts else None
         over_splits = bool(bounds) and task.errors.of_splits is not None
         yield {
             "model": name,
@@ -460,5 +467,5 @@ def _dataset_rows(scores: Scores, task: ScoredTask) -> Iterator[Row]:
             "ratio": task.ratio(name),
             "splits": bounds[0] if over_splits else None,
             "poses": bounds[-1] if len(bounds) > over_splits else None,
-            "verdict": "baseline" if is_reference else VERDICT_TEXTS[task.verdict(name)] or None,
+            "verdict": "baseline" if is_reference else VERDICT_TEXTS[verdict] or None,
         }

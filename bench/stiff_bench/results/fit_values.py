@@ -11,7 +11,7 @@ from stiff_bench.tables.table import Quantity
 from stiff_bench.tables.units import PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import BOUND_NAMES, DRAWN, TRUTH, Interval, Prediction
+from stiff_protocols.contract.types import BOUND_NAMES, TRUTHS, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, Metric
 
 
@@ -22,7 +22,7 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
     references = [part.reference for part in parts if part.reference is not None]
     truths = {
         name: np.concatenate([part.bound_deflections[name] for part in parts])
-        for name in (TRUTH, DRAWN)
+        for name in TRUTHS
         if parts and all(name in part.bound_deflections for part in parts)
     }
     interval = None
@@ -61,7 +61,7 @@ def _bound_result(result: CellResult, name: str) -> CellResult | None:
     bounds = {row: stored.bound_deflections.get(key) for key, row in BOUND_NAMES.items()}
     if (predicted := ({REFERENCE_MODEL: stored.reference} | bounds)[name]) is None:
         return None
-    truths = {key: of for key, of in stored.bound_deflections.items() if key in (TRUTH, DRAWN)}
+    truths = {key: of for key, of in stored.bound_deflections.items() if key in TRUTHS}
     prediction = Prediction(
         stored.rows, predicted, stored.measured, None, stored.reference, bound_deflections=truths
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,9 +10,7 @@ from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from stiff_bench.results.columns import BEST, board_tables, dataset_table
+from stiff_bench.results.columns import board_tables, dataset_table
 from stiff_bench.results.load import StoredResults, Task, newest_tasks
 from stiff_bench.results.notes import (
     SELECTION_MARK,
@@ -34,7 +31,7 @@ from stiff_bench.results.summary import (
     summarize,
 )
 from stiff_bench.store.names import grouped, labels, without_options
-from stiff_bench.tables.table import Entry, Quantity, Table
+from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
@@ -161,13 +158,17 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
     return tables
 
 
-def dataset_tables(scores: Scores) -> list[Table]:
-    """Return a table per data set, for tasks of one protocol and condition."""
+def dataset_tables(scores: Scores, *, has_verdicts: bool = True) -> list[Table]:
+    """Return a table per data set, for tasks of one protocol and condition.
+
+    Without verdicts the data are exploratory: the tables have estimates only.
+    """
     tables = []
     for tasks in grouped(scores.tasks, lambda task: task.name.dataset).values():
         of_data = scores.over(tasks)
-        notes = [*dataset_notes(of_data), *caveats_of(task.task for task in tasks)]
-        tables.append(dataset_table(of_data, notes))
+        notes = dataset_notes(of_data, has_verdicts=has_verdicts)
+        caveats = caveats_of(task.task for task in tasks)
+        tables.append(dataset_table(of_data, [*notes, *caveats], has_verdicts=has_verdicts))
     return tables
 
 
@@ -190,11 +191,6 @@ def plan_tables(
 
 
 # the leaderboard of a study
-
-
-def without_mark(cell: Entry) -> Entry:
-    """Return a cell without the mark behind its number."""
-    return replace(cell, mark="") if isinstance(cell, Quantity) else cell
 
 
 VERIFIED = "verified"
@@ -254,7 +250,7 @@ class StudyLeaderboard:
         Raises:
             ConfigError: fewer than five robots have results of a model.
         """
-        table = self._model_frame(self.scores, self.few)
+        table = model_frame(self.scores, self.few, self.readings)
         if "won" not in table:
             raise ConfigError("no model has all results on five robots: the study is not finished")
         logs = complete_logs(self.scores)
@@ -267,12 +263,6 @@ class StudyLeaderboard:
             statuses = [self.statuses.get(name, VERIFIED) for name in table["model"]]
             table = table.assign(status=statuses)
         return table
-
-    def _model_frame(self, scores: Scores, few: Mapping[str, Scores]) -> DataFrame:
-        """Return a `model_frame` without verdicts on measured data, which are exploratory."""
-        table = model_frame(scores, few, self.readings)
-        of_measured = [key for key in table if isinstance(key, tuple) and "verdict" in key[0]]
-        return table.drop(columns=of_measured)
 
     @property
     def board_frame(self) -> DataFrame:
@@ -291,30 +281,9 @@ class StudyLeaderboard:
         board, *tables = plan_tables(self.scores, plan, self.frame, controls)
         if self.statuses:
             board = replace(board, notes=[*board.notes, STATUS_NOTE])
-        tables += self._measured_tables()
+        measured = [*chain.from_iterable(self.readings.measured.values())]
+        tables += dataset_tables(self.readings.over(measured), has_verdicts=False)
         return [board, *tables, *self._variant_tables(), *self._extra_tables()]
-
-    def _measured_tables(self) -> Iterator[Table]:
-        """Yield the tables of measured data sets: estimates without verdicts."""
-        tasks = [*chain.from_iterable(self.readings.measured.values())]
-        if not tasks:
-            return
-        for task, table in zip(tasks, dataset_tables(self.readings.over(tasks)), strict=False):
-            shown_columns = [i for i, of in enumerate(table.columns) if of.name != "verdict"]
-            estimates = [of[0] for name in task.models if (of := task.estimates(name))]
-            half = [(estimate.high - estimate.low) / 2.0 for estimate in estimates]
-            share = float(np.median(half)) / task.mean(REFERENCE_MODEL) if half else math.nan
-            notes = [
-                "exploratory: tcp=fit and a prior of vjm-full were chosen on these samples, so no "
-                "verdicts are given.",
-                f"{len(task.data.measured)} samples cannot show a difference below about "
-                f"{100.0 * share:.0f} % of the VJM's error (median half width of the intervals "
-                "over splits).",
-                *(note for note in table.notes if not note.startswith(BEST)),
-            ]
-            rows = [[without_mark(row[i]) for i in shown_columns] for row in table.rows]
-            columns = [table.columns[i] for i in shown_columns]
-            yield replace(table, columns=columns, rows=rows, notes=notes)
 
     def _variant_tables(self) -> Iterator[Table]:
         """Yield the tables of variants and their controls, in the tasks of a variant."""
@@ -328,7 +297,7 @@ class StudyLeaderboard:
         if not scores.tasks:
             return
         few = {heading: self._scores(settings.few[heading], names) for heading in self.few}
-        table = self._model_frame(scores, few)
+        table = model_frame(scores, few, self.readings)
         for part in board_tables(scores, table, dict(pairs), split_notes(scores, table)):
             yield replace(part, title=f"Variants: {part.title}", about={"table": "variants"})
 

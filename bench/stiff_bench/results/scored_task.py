@@ -46,7 +46,7 @@ from stiff_protocols.scoring.paired import ROPE_M
 NOISE_FLOOR = BOUND_NAMES["noise"]
 SEED, SPECIMEN = "seed", "specimen"
 """Options of data sets for a repeat with new noise, and for another robot of the same type."""
-_ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray]] = {
+_ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray | None]] = {
     "mae": absolute_errors,
     "norm": norm_errors,
     "true-norm": true_errors,
@@ -115,7 +115,8 @@ class SortKey:
         """Return the (n,) errors, m, whose mean is the value; None: not a mean over rows."""
         if self.metric.key not in _ROW_ERRORS:
             return None
-        errors = _ROW_ERRORS[self.metric.key](prediction)
+        if (errors := _ROW_ERRORS[self.metric.key](prediction)) is None:
+            return None
         columns = [self.metric.axes.index(axis) for axis in self._axes]
         return np.asarray(errors.reshape(len(errors), -1)[:, columns].mean(axis=1))
 
@@ -137,9 +138,9 @@ def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
     return SortKey(chosen_metric, axis or "")
 
 
-READINGS = sort_key("norm")
-_P95 = {"true-norm": sort_key("true-p95")}
-"""Percentile by metric; all other metrics have the percentile of the error against readings."""
+READINGS, TRUE = sort_key("norm"), sort_key("true-norm")
+"""Error against the tracker's readings, and against the truth."""
+_P95, _TRUE_P95 = sort_key("norm-p95"), sort_key("true-p95")
 
 
 def family_of(name: TaskName) -> str:
@@ -276,11 +277,11 @@ class ScoredTask(BriefFields):
         `error` and `noise` are in the metric's unit, the percentile `p95` and the error against
         `readings` in m, also of the `oracle`, the error left on tool `path`s in mm; NaN: unknown.
         """
-        noise = math.nan  # has no meaning beside the true deflection
-        if self.key.metric.key not in _P95:
-            noise = _mean(self.key, self.bounds(NOISE_FLOOR))
-        oracle = _mean(READINGS, self.bounds(BOUND_NAMES["oracle"]))
-        p95 = _P95.get(self.key.metric.key, sort_key("norm-p95"))
+        p95, noise, oracle = _TRUE_P95, math.nan, math.nan  # the truth has no noise
+        if self.key != TRUE:
+            p95, noise = _P95, _mean(self.key, self.bounds(NOISE_FLOOR))
+        if (world := self.task.cell.dataset_params.get("world")) is not None:
+            oracle = _mean(READINGS, self.bounds(BOUND_NAMES["oracle"]))
         for model in self.scores:
             results = self.results[model]
             paths = [result.diagnostics.get(PATH_ERROR, math.nan) for result in results]
@@ -290,14 +291,14 @@ class ScoredTask(BriefFields):
                 "robot": self.data.robot.name,
                 "kind": self.kind,
                 "family": family_of(self.name),
-                "world": self.task.cell.dataset_params.get("world"),
+                "world": world,
                 "dataset": self.name.dataset,
                 "protocol": self.name.protocol,
                 "condition": self.name.condition,
                 "error": self.mean(model),
                 "error ratio": self.ratio(model),
                 "p95": _mean(p95, results),
-                "readings": _mean(READINGS, results),
+                "readings": self.mean(model) if self.key == READINGS else _mean(READINGS, results),
                 "oracle": oracle,
                 "path": float(np.mean(paths)),
                 "noise": noise,

@@ -20,7 +20,7 @@ import numpy as np
 
 from stiff_bench.results.load import StoredResults, Task, model_names, newest_tasks
 from stiff_bench.results.notes import mark_of
-from stiff_bench.results.scored_task import ScoredTask, SortKey, family_of, score_task
+from stiff_bench.results.scored_task import READINGS, ScoredTask, SortKey, family_of, score_task
 from stiff_bench.store.names import grouped
 from stiff_models.model_catalog import REFERENCE_MODEL, is_spring_model
 from stiff_protocols.contract.brief_fields import BriefFields
@@ -95,7 +95,7 @@ class Scores(BriefFields):
         with_scores = [task for task in scored if task.scores]
         if not with_scores:
             raise ConfigError(f"no model has a score of {key.text}")
-        return cls(key, tuple(sorted(with_scores, key=lambda t: t.kind != "measured")))
+        return cls(key, tuple(sorted(with_scores, key=lambda task: task.kind != "measured")))
 
     def over(self, tasks: Sequence[ScoredTask]) -> Scores:
         """Return the scores in some of the tasks."""
@@ -227,11 +227,12 @@ def model_frame(
     ratio's interval, `p` against the VJM, and of complete models `verdict`, `won` (robots with the
     smallest ratio), `n robots`, `worst`, `worst robot`, `rival` (the best spring model), `p rival`
     and `verdict rival` against it, `like best` (within 5 % of the best), `without low` and `without
-    high` (range without any one robot), `p95`, `noise`, `path` and `readings`. Further ratios have
-    the keys (`few`, heading), (`world`, name) with (`world low`, name) and (`world high`, name),
-    (`oracle`, world), `without clean`, (`measured`, data set) and (`measured verdict`, data set).
-    `few` has scores with fewer poses on the same robots, by heading; `measured` has the scores on
-    measured data, None: `scores` has them.
+    high` (range without any one robot), `p95`, `noise`, `path` and, if the error is another one,
+    `readings`. Further ratios have the keys (`few`, heading), (`world`, name) with (`world low`,
+    name) and (`world high`, name), (`oracle`, world), `without clean`, (`measured`, data set) and
+    (`measured verdict`, data set). `few` has scores with fewer poses on the same robots, by
+    heading; `measured` has the scores on exploratory measured data, without verdicts; None:
+    `scores` has measured data.
     """
     from pandas import DataFrame, Index  # slow, and a single task needs no frame
 
@@ -254,7 +255,7 @@ def model_frame(
     if scores.claim is not None:
         table = _with_robots(table, scores, logs, few)
         if scores.claim != "measured":
-            table = _with_measured(table, measured or scores)
+            table = _with_measured(table, measured or scores, has_verdicts=measured is None)
     order = table["ratio"].fillna(scores.key.sign * table["median"])
     table = table.assign(order=order, incomplete=~table["complete"]).reset_index()
     return table.sort_values(["incomplete", "order", "model"]).drop(columns=["order", "incomplete"])
@@ -297,9 +298,8 @@ def _with_robots(
             better = "better" if means[name] < means[reference] else "worse"
             verdicts[name] = better if p_value < LEVEL else "open"
         table[f"p{suffix}"], table[f"verdict{suffix}"] = Series(p_values), Series(verdicts)
-    further: dict[Any, DataFrame] = {
-        name: robot_logs(rows, f"{name} ratio") for name in ("p95", "noise", "path", "readings")
-    }
+    names = ["p95", "noise", "path"] + ["readings"] * (scores.key != READINGS)
+    further: dict[Any, DataFrame] = {name: robot_logs(rows, f"{name} ratio") for name in names}
     for heading, of_few in few.items():
         further["few", heading] = robot_logs(of_few.rows, "error ratio")
     worlds = [*rows["world"].dropna().unique()]
@@ -319,8 +319,8 @@ def _with_robots(
     return table
 
 
-def _with_measured(table: DataFrame, scores: Scores) -> DataFrame:
-    """Add ratios and verdicts on each measured data set."""
+def _with_measured(table: DataFrame, scores: Scores, *, has_verdicts: bool) -> DataFrame:
+    """Add ratios and, unless the data are exploratory, verdicts on each measured data set."""
     from pandas import Series  # slow, and a single task needs no frame
 
     for dataset, tasks in scores.measured.items():
@@ -328,6 +328,8 @@ def _with_measured(table: DataFrame, scores: Scores) -> DataFrame:
         complete = of_data.groupby("model").size() == len(tasks)
         values = robot_logs(of_data, "error ratio").mean().map(math.exp)
         table["measured", dataset] = values.where(complete)
+        if not has_verdicts:
+            continue
         verdicts = {name: {task.verdict(name) for task in tasks} for name in table.index}
         table["measured verdict", dataset] = Series(
             {name: of.pop() if len(of) == 1 else "open" for name, of in verdicts.items()}

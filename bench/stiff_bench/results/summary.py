@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.results.columns import (
@@ -261,6 +262,26 @@ def task_headline(task: ScoredTask) -> str:
 # notes of leaderboards
 
 
+def _exploratory_notes(scores: Scores) -> Iterator[str]:
+    """Yield why there are no verdicts, and the difference that the samples cannot show."""
+    yield (
+        "exploratory: tcp=fit and a prior of vjm-full were chosen on these samples, so no verdicts "
+        "are given."
+    )
+    shares = [
+        (estimates[0].high - estimates[0].low) / 2.0 / task.mean(REFERENCE_MODEL)
+        for task in scores.tasks
+        for name in task.models
+        if (estimates := task.estimates(name))
+    ]
+    if shares:
+        yield (
+            f"{len(scores.tasks[0].data.measured)} samples cannot show a difference below about "
+            f"{100.0 * median(shares):.0f} % of the VJM's error (median half width of the "
+            "intervals over splits)."
+        )
+
+
 FEW_SPLITS = 5
 """Number of splits below which only very large differences are significant."""
 
@@ -274,13 +295,19 @@ def correction_text(tasks: Sequence[ScoredTask]) -> str:
     return f"p corrected by Holm for all {number_text}pairs of models in a comparison"
 
 
-def dataset_notes(scores: Scores) -> Iterator[str]:
-    """Yield explanations of the marks, and a note if there are few splits."""
+def dataset_notes(scores: Scores, *, has_verdicts: bool = True) -> Iterator[str]:
+    """Yield explanations of the marks, and a note if there are few splits.
+
+    Without verdicts the first notes say why, and which difference the data cannot show.
+    """
     if scores.key.is_cost:
         yield f"{BEST} best mean."
         return
-    correction = correction_text(scores.tasks)
-    yield f"{BEST} best mean; {LIKE_BEST} no significant difference from it, {correction}."
+    if has_verdicts:
+        correction = correction_text(scores.tasks)
+        yield f"{BEST} best mean; {LIKE_BEST} no significant difference from it, {correction}."
+    else:
+        yield from _exploratory_notes(scores)
     yield f"difference: {INTERVAL}s; over poses the fitted models are held fixed."
     fewest = min(len(task.splits) for task in scores.tasks)
     if 1 < fewest < FEW_SPLITS and not scores.tasks[0].task.presentation.pooled:

@@ -40,8 +40,7 @@ from stiff_protocols.contract.files import make_folder, written_whole
 from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation, RunManifest
 from stiff_protocols.contract.types import (
     BOUND_NAMES,
-    DRAWN,
-    TRUTH,
+    TRUTHS,
     BenchmarkData,
     FloatArray,
     Interval,
@@ -448,7 +447,7 @@ def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Pre
         interval=interval,
         reference=arrays.get("reference"),
         bound_deflections={
-            name: arrays[name] for name in (*BOUND_NAMES, TRUTH, DRAWN) if name in arrays
+            name: arrays[name] for name in (*BOUND_NAMES, *TRUTHS) if name in arrays
         },
     )
 

@@ -34,7 +34,7 @@ from stiff_bench.tables.units import MM, counted, first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import DRAWN, TRUTH, FloatArray, Prediction
+from stiff_protocols.contract.types import TRUTHS, FloatArray, Prediction
 
 METRIC_TOLERANCE = 1e-9
 """Largest relative difference of a metric that is rounding."""
@@ -218,7 +218,7 @@ def _prediction(record: Record, task: CellTask) -> Prediction:
         predicted=record.predicted,
         measured=task.data.samples.deflection[rows],
         reference=reference_values(task, fit_input(task)),
-        bound_deflections={name: bounds[name][rows] for name in (TRUTH, DRAWN) if name in bounds},
+        bound_deflections={name: bounds[name][rows] for name in TRUTHS if name in bounds},
     )
 
 

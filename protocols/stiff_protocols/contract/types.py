@@ -42,6 +42,8 @@ DRAWN = "drawn"
 """Key of the same deflection in the drawn state of friction, where there is friction. Metric
 `drawn-norm` compares with it."""
 
+TRUTHS = (TRUTH, DRAWN)
+
 PATH_GROUP = "tool path"
 """Group of the samples that a protocol adds for a simulated robot: points of tool paths, which are
 never used for training."""

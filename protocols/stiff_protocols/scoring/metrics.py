@@ -142,25 +142,24 @@ def _skill(prediction: Prediction) -> FloatArray | None:
     return np.asarray(1.0 - norm_errors(prediction).mean() / reference) if reference > 0.0 else None
 
 
-def true_errors(prediction: Prediction) -> FloatArray:
-    """Return the (n,) lengths of the errors against the truth, m; KeyError if it is not known."""
-    return _lengths(prediction.predicted - prediction.bound_deflections[TRUTH])
+def true_errors(prediction: Prediction, *truths: str) -> FloatArray | None:
+    """Return the (n,) lengths of the errors, m, against the first known truth; None: not known.
+
+    `truths` are keys of `TRUTHS`; by default `TRUTH`.
+    """
+    every = map(prediction.bound_deflections.get, truths or (TRUTH,))
+    truth = next((array for array in every if array is not None), None)
+    return None if truth is None else _lengths(prediction.predicted - truth)
 
 
 def _true_lengths(
     reduced: Callable[..., Any], *truths: str
 ) -> Callable[[Prediction], FloatArray | None]:
-    """Return a function that reduces the lengths of the errors, m, against the first known truth.
-
-    `truths` are `DRAWN` or `TRUTH`.
-    """
+    """Return a function that reduces the `true_errors`."""
 
     def of_prediction(prediction: Prediction) -> FloatArray | None:
-        every = map(prediction.bound_deflections.get, truths)
-        truth = next((array for array in every if array is not None), None)
-        return (
-            None if truth is None else np.asarray(reduced(_lengths(prediction.predicted - truth)))
-        )
+        errors = true_errors(prediction, *truths)
+        return None if errors is None else np.asarray(reduced(errors))
 
     return of_prediction
 
@@ -215,14 +214,14 @@ METRICS = {
             "true error",
             "m",
             "mean 3-D error against the true robot's deflection (simulated robots)",
-            _true_lengths(np.mean, TRUTH),
+            _true_lengths(np.mean),
         ),
         _single_value(
             "true-p95",
             "true error P95",
             "m",
             "95th percentile of the 3-D error against the true robot's deflection",
-            _true_lengths(_P95, TRUTH),
+            _true_lengths(_P95),
         ),
         _single_value(
             "drawn-norm",

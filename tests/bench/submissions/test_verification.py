@@ -23,7 +23,7 @@ from stiff_bench.submissions.refit import study_tasks
 from stiff_bench.submissions.statuses import SUBMISSIONS, model_statuses, submissions_in
 from stiff_bench.submissions.submission import file_sha256, read_verification, wrong_files
 from stiff_bench.submissions.verification import place_of_record
-from stiff_protocols.contract.types import DRAWN, TRUTH, Prediction
+from stiff_protocols.contract.types import TRUTHS, Prediction
 
 TOP = Path(__file__).parents[3]
 CARD = """
@@ -134,7 +134,7 @@ def with_metrics(record: dict, tasks, predicted) -> None:
         np.asarray(predicted),
         measured,
         reference=verification.reference_values(task, verification.fit_input(task)),
-        bound_deflections={name: bounds[name][rows] for name in (TRUTH, DRAWN) if name in bounds},
+        bound_deflections={name: bounds[name][rows] for name in TRUTHS if name in bounds},
     )
     record["metrics"] = record_metrics(prediction)
     record["predicted_mm"] = (1000.0 * prediction.predicted).tolist()
