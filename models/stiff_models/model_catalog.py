@@ -14,7 +14,15 @@ from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.extras import missing
 from stiff_protocols.contract.plugin import ModelFamily, ModelInfo
 
-SpringModel = Literal["vjm", "vjm-multisegment", "vjm-full", "curve-springs", "gp-springs"]
+SpringModel = Literal[
+    "vjm",
+    "vjm-multisegment",
+    "vjm-full",
+    "fourier-springs",
+    "curve-springs",
+    "gp-springs",
+    "bayes-springs",
+]
 """Keys of the spring models, which other families build on."""
 
 _QUICK_NETWORK = {"width": 16, "epochs": 20}
@@ -74,6 +82,13 @@ MODELS = (
         grids={"default": {"springs": (3, 6), "solver": ("nnls", "ridge")}},
     ),
     ModelInfo(
+        key="fourier-springs",
+        target="stiff_models.physics.fourier_springs:FourierSprings",
+        summary="VJM whose compliances depend on the angles of shoulder and elbow, by ridge",
+        equation="d = J_v diag(c(q2, q3)) J^T w, c a Fourier series, c >= 0",
+        reference="after arXiv 2510.19962, 2025; docs/models.md",
+    ),
+    ModelInfo(
         key="curve-springs",
         target="stiff_models.physics.curve_springs:CurveSprings",
         summary="18 virtual springs, the joints' own with three slopes and lost motion, by ridge",
@@ -91,6 +106,14 @@ MODELS = (
         reference="docs/definitions.md; lost motion that every load takes up again: Masing 1926",
         quick={"search_rows": 10},
         grids={"default": {"springs": (6, 18), "remainder": (True, False)}},
+    ),
+    ModelInfo(
+        key="bayes-springs",
+        target="stiff_models.regressors.bayes_springs:BayesSprings",
+        summary="springs, lost motion, links, base and errors of the rig, scales by likelihood",
+        equation="d = sum over groups of F_g(q, w) b_g, b_g ~ N(0, s_g^2), s_g by marginal "
+        "likelihood",
+        reference="MacKay 1992, evidence framework; groups in docs/models.md",
     ),
     ModelInfo(
         key="mlp",

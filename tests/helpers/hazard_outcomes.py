@@ -36,7 +36,8 @@ SPRINGS = {"vjm"} | RESIDUAL | PRETRAINED  # one linear spring per joint
 FULL = {"vjm-full", "vjm-full, ridge"}
 RIDGE = {"vjm-full, ridge", "curve-springs", "curve-springs, student"}
 CURVES = {"gp-springs", "curve-springs", "curve-springs, student"}
-IDENTIFY = SPRINGS | SEGMENTS | FULL | CURVES
+BAYES = {"bayes-springs"}
+IDENTIFY = SPRINGS | SEGMENTS | FULL | CURVES | BAYES | {"fourier-springs"}
 
 SLOPES = "warns: joint stiffness not identifiable from the training samples"
 FEW_NEIGHBOURS = [
@@ -44,7 +45,7 @@ FEW_NEIGHBOURS = [
     ({"vjm + neighbours"}, "fails: .*n_neighbors = 5, n_samples_fit = "),
 ]
 OTHER_LOADS = [({"ft-mlp, paper"}, "warns: .*pre-training forces are .* N, measured forces")]
-NO_MASSES = [(SEGMENTS | CURVES, "warns: robot 'chain' has no masses")]
+NO_MASSES = [(SEGMENTS | CURVES | BAYES, "warns: robot 'chain' has no masses")]
 # their teacher may have segments; rounding decides
 MAY_HAVE_SEGMENTS = [*NO_MASSES, (ANCHORED, "(works|warns: robot 'chain' has no masses)")]
 NOT_BOTH = [({"residual-mlp", "mlp"}, "(works|warns: .*none of 3 epochs was better)")]

@@ -40,6 +40,7 @@ class StudyRun:
         settings: words of `--set`.
         splits: number of splits; None: the protocol's own.
         seed: seed of splits and models.
+        intervals: True to compute prediction intervals, too, which metric `coverage` needs.
     """
 
     models: Words
@@ -48,6 +49,7 @@ class StudyRun:
     settings: Words = ()
     splits: Annotated[int, Field(ge=1, le=10_000)] | None = None
     seed: Annotated[int, Field(ge=0, le=2**32 - 20_000)] = 0
+    intervals: bool = False
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
@@ -157,7 +159,7 @@ class Study:
                     protocols=run.protocols,
                     settings=run.settings,
                     output=output,
-                    metrics=self.metrics,
+                    metrics=_once([*self.metrics, *["coverage"] * run.intervals]),
                     splits=run.splits,
                     seed=run.seed,
                     command=command,

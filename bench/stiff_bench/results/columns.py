@@ -191,7 +191,8 @@ def board_tables(
         about={"table": "certainty"},
     )
     board = replace(ratios, about={"table": "board"})
-    tables = [board, *_world_tables(table, rows), _further_table(table, rows), certainty]
+    tables = [board, *_world_tables(table, rows), _further_table(table, rows)]
+    tables += [*_coverage_table(table, rows), certainty]
     if pairs := control_rows(scores, controls):
         tables.append(_control_table(pairs))
     return [part for part in tables if len(part.columns) > 1]
@@ -222,6 +223,23 @@ def _world_tables(table: DataFrame, rows: Sequence[Row]) -> Iterator[Table]:
                 f"{oracle} times the VJM's error.",
             ],
             about={"table": "worlds"},
+        )
+
+
+def _coverage_table(table: DataFrame, rows: Sequence[Row]) -> Iterator[Table]:
+    """Yield the table of the intervals' coverage by world, and with fewer poses in all worlds."""
+
+    def of_name(name: str) -> Column:
+        return Column(name, format=".0f", value=lambda row: number(row, ("coverage", name), 100.0))
+
+    names = _names(table, "coverage")
+    if with_intervals := [row for row in rows if any(number(row, ("coverage", n)) for n in names)]:
+        yield Table.of(
+            "Readings inside the models' own intervals [%], mean over robots",
+            [MODEL_KEY, *map(of_name, names)],
+            with_intervals,
+            ["mean over the axes; 90 is best for 90 % intervals; fewer poses: mean of the worlds."],
+            about={"table": "coverage"},
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +24,7 @@ from stiff_bench.results.notes import (
     same_name_other_data,
     size_notes,
 )
-from stiff_bench.results.scored_task import sort_key
+from stiff_bench.results.scored_task import TRUE, sort_key
 from stiff_bench.results.scores import Scores, model_frame
 from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
@@ -230,8 +231,9 @@ class Results:
         """Return the result as a headline and tables with notes.
 
         For one task there is a table of the models' errors. For several there is a table of the
-        models against the VJM, and a table of their errors per task. If no model has a score, there
-        are the tables of metrics. `verbose` adds a table per task and all notes.
+        models against the VJM, and a table of their errors per task: the true errors if they were
+        requested and every task has them. If no model has a score, there are the tables of metrics.
+        `verbose` adds a table per task and all notes.
 
         Raises:
             StoreError: the folder has no results, or corrupt ones.
@@ -240,6 +242,10 @@ class Results:
             scores = self.scores()
         except ConfigError:
             return self.table(verbose=verbose)
+        if TRUE.metric.key in self.metrics and len(scores.tasks) > 1:
+            with suppress(ConfigError):
+                of_truth = self.scores(TRUE.metric.key)
+                scores = of_truth if len(of_truth.tasks) == len(scores.tasks) else scores
         tasks = [task.task for task in scores.tasks]
         done = [[*model.done.values()] for task in tasks for model in task.models.values()]
         outcomes = [note for results in done if results for note in outcome_notes(results)]

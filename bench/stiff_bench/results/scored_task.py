@@ -141,6 +141,7 @@ def sort_key(key: str = "norm", axis: str | None = None) -> SortKey:
 READINGS, TRUE = sort_key("norm"), sort_key("true-norm")
 """Error against the tracker's readings, and against the truth."""
 _P95, _TRUE_P95 = sort_key("norm-p95"), sort_key("true-p95")
+_COVERAGE = SortKey(METRICS["coverage"])
 
 
 def family_of(name: TaskName) -> str:
@@ -275,7 +276,8 @@ class ScoredTask(BriefFields):
         """Yield a row per ranked model: what the task is, and its numbers.
 
         `error` and `noise` are in the metric's unit, the percentile `p95` and the error against
-        `readings` in m, also of the `oracle`, the error left on tool `path`s in mm; NaN: unknown.
+        `readings` in m, also of the `oracle`, the error left on tool `path`s in mm, `coverage` in
+        1; NaN: unknown.
         """
         p95, noise, oracle = _TRUE_P95, math.nan, math.nan  # the truth has no noise
         if self.key != TRUE:
@@ -301,6 +303,7 @@ class ScoredTask(BriefFields):
                 "readings": self.mean(model) if self.key == READINGS else _mean(READINGS, results),
                 "oracle": oracle,
                 "path": float(np.mean(paths)),
+                "coverage": _mean(_COVERAGE, results),
                 "noise": noise,
             }
 

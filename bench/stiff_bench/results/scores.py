@@ -229,7 +229,8 @@ def model_frame(
     and `verdict rival` against it, `like best` (within 5 % of the best), `without low` and `without
     high` (range without any one robot), `p95`, `noise`, `path` and, if the error is another one,
     `readings`. Further ratios have the keys (`few`, heading), (`world`, name) with (`world low`,
-    name) and (`world high`, name), (`oracle`, world), `without clean`, (`measured`, data set) and
+    name) and (`world high`, name), (`oracle`, world), (`coverage`, world or heading) of the
+    model's intervals, `without clean`, (`measured`, data set) and
     (`measured verdict`, data set). `few` has scores with fewer poses on the same robots, by
     heading; `measured` has the scores on exploratory measured data, without verdicts; None:
     `scores` has measured data.
@@ -312,6 +313,13 @@ def _with_robots(
         for end in ("low", "high"):
             ends = {name: vars(mean)[end] for name, mean in means_of.items()}
             table[f"world {end}", world] = Series(ends, dtype=float)
+    if len(worlds) > 1:
+        coverage = rows.groupby(["model", "world"], sort=False)["coverage"].mean().unstack()
+        for name, of_few in few.items():
+            by_world = of_few.rows.groupby(["model", "world"])["coverage"].mean().unstack()
+            coverage[name] = by_world.mean(axis="columns", skipna=False)
+        for name, column in coverage.items():
+            table["coverage", name] = column
     if len(worlds) > 1 and CLEAN in worlds:
         further["without clean"] = robot_logs(rows[rows["world"] != CLEAN], "error ratio")
     for key, of_robots in further.items():

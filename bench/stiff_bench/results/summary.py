@@ -26,10 +26,10 @@ from stiff_bench.results.columns import (
 from stiff_bench.results.scored_task import ScoredTask
 from stiff_bench.results.scores import FEWEST_ROBOTS, Scores, complete_logs
 from stiff_bench.store.names import grouped
-from stiff_bench.tables.units import MM, counted, first_few
+from stiff_bench.tables.units import MM, counted, first_few, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.over_robots import MARGIN
-from stiff_protocols.scoring.paired import ROPE_M
+from stiff_protocols.scoring.paired import LEVEL, ROPE_M
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -262,12 +262,18 @@ def task_headline(task: ScoredTask) -> str:
 # notes of leaderboards
 
 
+POWER, MORE_SAMPLES = 0.8, 250
+"""Probability of finding a difference, and a number of samples to compare with."""
+
+
 def _exploratory_notes(scores: Scores) -> Iterator[str]:
-    """Yield why there are no verdicts, and the difference that the samples cannot show."""
+    """Yield the reason for missing verdicts, and the difference that the samples can show."""
     yield (
         "exploratory: tcp=fit and a prior of vjm-full were chosen on these samples, so no verdicts "
         "are given."
     )
+    from scipy.special import stdtrit  # slow, and few tables need it
+
     shares = [
         (estimates[0].high - estimates[0].low) / 2.0 / task.mean(REFERENCE_MODEL)
         for task in scores.tasks
@@ -275,10 +281,14 @@ def _exploratory_notes(scores: Scores) -> Iterator[str]:
         if (estimates := task.estimates(name))
     ]
     if shares:
+        n_samples, freedom = len(scores.tasks[0].data.measured), len(scores.tasks[0].splits) - 1
+        certain, likely = stdtrit(max(freedom, 1), [1.0 - LEVEL / 2.0, POWER])
+        difference = median(shares) * (1.0 + likely / certain)
         yield (
-            f"{len(scores.tasks[0].data.measured)} samples cannot show a difference below about "
-            f"{100.0 * median(shares):.0f} % of the VJM's error (median half width of the "
-            "intervals over splits)."
+            f"a difference of {100.0 * difference:.0f} % of the VJM's error is found in "
+            f"{n_samples} samples with a probability of {percent(POWER)} (median over models, from "
+            f"the intervals over splits); in {MORE_SAMPLES} samples it would be about "
+            f"{100.0 * difference * math.sqrt(n_samples / MORE_SAMPLES):.0f} %."
         )
 
 

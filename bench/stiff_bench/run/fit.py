@@ -163,7 +163,8 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
     start = time.perf_counter()
     model.fit(given.train, robot=given.robot, validation=given.validation, seed=given.seed)
     fitted = time.perf_counter()
-    answer = model.predict(q, wrench)
+    predict_rows = optional(model, "predict_reading") if given.of_readings else model.predict
+    answer = predict_rows(q, wrench)
     predict_s = time.perf_counter() - fitted
     memory_bytes = memory.rise()
     predicted = _checked(lambda *_: answer)(q, wrench)

@@ -15,9 +15,10 @@ Gaussian process or a network must be better. SI: rad, N, N m, m.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -77,30 +78,19 @@ class CurveSprings(GeometryModel):
         scale = float((moved * train.deflection).sum() / ((moved**2).sum() or 1.0)) or 1.0
         self.typical_ = scale * typical
         columns = self._columns(robot, train.q, train.wrench)
-        strength = self._chosen_strength(train, columns, seed)
-        self.coefficients_ = self._solved(columns, train.deflection, strength)
+
+        def solved(rows: Any, strength: float) -> FloatArray:
+            return self._solved(columns[rows], train.deflection[rows], strength)
+
+        power = 1.0 if self.weights == "student" else 2.0
+        strength = best_strength(train, columns, solved, STRENGTHS, seed, power)
+        self.coefficients_ = solved(slice(None), strength)
         self.diagnostics_ = {
             "coefficients": float(columns.shape[2]),
             "penalty": strength,
             **self._geometry_report(),
         }
         warn_unexplained(self.coefficients_, train)
-
-    def _chosen_strength(self, train: Samples, columns: FloatArray, seed: int) -> float:
-        """Return the penalty with the least error at left-out poses; of one pose, the middle."""
-        if len(np.unique(train.pose_id)) < 2:
-            return float(STRENGTHS[len(STRENGTHS) // 2])
-        errors = np.zeros(len(STRENGTHS))
-        for fitted, left_out in folds_of_poses(train, seed):
-            deflection = train.deflection[fitted]
-            for number, strength in enumerate(STRENGTHS):
-                guess = self._solved(columns[fitted], deflection, strength)
-                error = columns[left_out] @ guess - train.deflection[left_out]
-                lengths = np.linalg.norm(error, axis=1)
-                errors[number] += float(
-                    (lengths if self.weights == "student" else lengths**2).sum()
-                )
-        return float(STRENGTHS[errors.argmin()])
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return np.asarray(self._columns(robot, q, wrench) @ self.coefficients_)
@@ -150,3 +140,31 @@ class CurveSprings(GeometryModel):
             middle = float((weights * squares).mean()) or 1.0
             weights = (DEGREES_OF_FREEDOM + 3.0) / (DEGREES_OF_FREEDOM + 3.0 * squares / middle)
         return np.asarray(solved)
+
+
+def best_strength(
+    train: Samples,
+    columns: FloatArray,
+    solved: Callable[[Any, float], FloatArray],
+    strengths: FloatArray,
+    seed: int,
+    power: float = 2.0,
+) -> float:
+    """Return the penalty with the least error at left-out poses; of one pose, the middle one.
+
+    Args:
+        train: training samples.
+        columns: (n, 3, n_columns) deflections [m] by each coefficient.
+        solved: returns the (n_columns,) coefficients of rows and a penalty.
+        strengths: penalties to choose from, weakest first.
+        seed: seed of the folds.
+        power: of the 3-D errors that are summed.
+    """
+    if len(np.unique(train.pose_id)) < 2:
+        return float(strengths[len(strengths) // 2])
+    errors = np.zeros(len(strengths))
+    for fitted, left_out in folds_of_poses(train, seed):
+        for number, strength in enumerate(strengths):
+            error = columns[left_out] @ solved(fitted, strength) - train.deflection[left_out]
+            errors[number] += float((np.linalg.norm(error, axis=1) ** power).sum())
+    return float(strengths[errors.argmin()])

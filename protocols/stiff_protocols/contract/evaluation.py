@@ -10,6 +10,7 @@ import numpy as np
 
 from stiff_protocols.contract.protocol_base import EvaluationProtocol
 from stiff_protocols.contract.types import (
+    TRUTH,
     BenchmarkData,
     FloatArray,
     IntArray,
@@ -39,6 +40,7 @@ class FitInput:
             object may store data that the model must not use.
         path_q, path_wrench: points of tool paths whose commands the model also corrects, like `q`
             and `wrench`; None: no tool paths.
+        of_readings: True to predict readings of the rig: no truth is known.
     """
 
     train: Samples
@@ -52,6 +54,7 @@ class FitInput:
     make_protocol: MakeProtocol
     path_q: FloatArray | None = None
     path_wrench: FloatArray | None = None
+    of_readings: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,6 +105,7 @@ class Evaluation:
             make_protocol=self.make_protocol,
             path_q=None if paths is None else paths.q,
             path_wrench=None if paths is None else paths.wrench,
+            of_readings=TRUTH not in self.data.bound_deflections,
         )
 
     def scored(self, predicted: FloatArray, commands: FloatArray) -> FloatArray:

@@ -124,6 +124,14 @@ class StiffnessModel:
         """
         return self.predict(q, wrench)
 
+    def predict_reading(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] that the rig of the training samples would read.
+
+        It is for a model that tells robot and rig apart. Measured data are compared with it; the
+        truth of a simulation and tool paths are compared with `predict`.
+        """
+        return self.predict(q, wrench)
+
     def covariance(
         self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
     ) -> FloatArray:

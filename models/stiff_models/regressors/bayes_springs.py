@@ -1,0 +1,338 @@
+"""`bayes-springs`: groups of springs, links and errors of the rig, with scales from the samples.
+
+A reading is y = d(q, w') + errors: the wrench w' that acts differs from the written one by force
+point and cross-talk of the rig. The deflection d is a sum over the groups of `spring_groups`. It is
+linear in their coefficients. `group_scales` finds the scale of each group and the coefficients.
+Weights, force point and cross-talk change the columns, so they are found in rounds (Gauss-Newton).
+Samples with large errors count less, as in Student's t distribution with four degrees of freedom. A
+prediction is the robot's: groups of the rig explain the file and are left out. SI: rad, N, N m, m.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from stiff_models.fitted_model import NormalModel
+from stiff_models.physics.fitted_geometry import GeometryModel
+from stiff_models.physics.full_vjm import spring_twists
+from stiff_models.physics.vjm import warn_no_masses, warn_unexplained
+from stiff_models.pose_folds import FOLDS, folds_of_poses
+from stiff_models.regressors.arm_loads import ArmLoads, Rig, Sizes
+from stiff_models.regressors.calibrated_process import FEWEST_POSES, TRACKER_NOISE
+from stiff_models.regressors.group_scales import LEAST, MOST, GroupedModel, Posterior, joined
+from stiff_models.regressors.spring_groups import (
+    GROUP_NAMES,
+    GROUPS,
+    Group,
+    LostMotion,
+    friction_blocks,
+    wrench_blocks,
+)
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import unit_deflections
+
+ROUNDS, REWEIGHTINGS = 3, 2
+"""Rounds of Gauss-Newton, the first without the searched groups; reweightings in the others."""
+STEPS, FOLD_STEPS = 60, 20
+"""Most steps of a search for scales, and of the search of a fold, which continues from it."""
+FREEDOM, MOST_WEIGHT = 4.0, 1.3
+"""Of Student's t distribution, and of the weight of a sample."""
+FRICTION_WIDTHS, FRICTION_SCALE, WRENCH_SCALE = (0.05, 0.2, 0.8), 0.1, 0.5
+"""Of the errors by friction (shares of the largest torque, typical scale) and by the wrench."""
+FIRST_SHARE = 0.5
+"""First value of a scale, of its typical one."""
+FIRST_NOISE, MOST_NOISE, MOST_SHARE = 3.0, 10.0, 0.3
+"""Noise: first value and bound over the instrument's; or bound over the deflections'."""
+WEIGHT_STEP = 0.05
+ROWS = 2048
+"""Predictions computed together."""
+DRAWS = 200
+"""Draws of the coefficients for the interval of a group's contribution."""
+TAIL, NORMAL_TAIL = 0.9, 1.6448536269514722
+"""Coverage of printed intervals, and the half width of a normal one in standard deviations."""
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class BayesSprings(NormalModel, GeometryModel):
+    """A linear model of springs and links whose groups have scales by marginal likelihood.
+
+    Attributes:
+        groups: names of the groups, separated by "+", or "all".
+        sizes_: units of the coefficients.
+        rig_: errors of the file's loads, and the factors of the weights.
+        coefficients_: (p,) coefficients of the robot's groups, in the order of `GROUPS`.
+        root_: (p, k) matrix whose product with its transpose is their covariance.
+        errors_: scales of the errors: three of friction, wrench, and independent ones [m].
+        diagnostics_: contribution of each group, weights, force point, noise, and geometry.
+    """
+
+    groups: str = "all"
+
+    def check_params(self) -> None:
+        """Raise ConfigError if a group is unknown, or none bends the robot."""
+        super().check_params()
+        for name in self._names:
+            if name not in GROUP_NAMES:
+                valid = ", ".join(GROUP_NAMES)
+                raise ConfigError(f"groups: {name!r} is not a group (valid: all, {valid})")
+        if not self._linear:
+            raise ConfigError(f"groups = {self.groups!r}: none of them bends the robot")
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        if self.groups == "all":
+            return GROUP_NAMES
+        return tuple(name.strip() for name in self.groups.split("+"))
+
+    @property
+    def _chosen(self) -> list[Group]:
+        return [group for group in GROUPS if group.name in self._names]
+
+    @property
+    def _linear(self) -> list[Group]:
+        """The chosen groups that predictions have."""
+        return [group for group in self._chosen if not group.is_searched]
+
+    def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
+        twists_of = partial(spring_twists, springs=3)
+        train, robot = self._placed(train, robot, twists_of, unit_deflections)
+        warn_no_masses(robot)
+        self.sizes_ = Sizes.of(robot, train)
+        self.rig_ = Rig.perfect(robot.n_joints)
+        weights, scales = np.ones(len(train)), dict[object, float]()
+        for number in range(ROUNDS):
+            groups = self._chosen if number else self._linear
+            loads = self._loads(robot, train, has_coefficients=number > 0)
+            parts = [group.columns(loads, self.sizes_) for group in groups]
+            readings = train.deflection + self._rig_deflections(groups, parts)
+            for _ in range(REWEIGHTINGS if number else 1):
+                model = self._grouped(groups, parts, loads, weights, train)
+                keys, firsts = zip(*self._starts(groups, train), strict=True)
+                start = [scales.get(*pair) for pair in zip(keys, firsts, strict=True)]
+                best_scales = model.searched(readings, np.array(start), STEPS)
+                scales = dict(zip(keys, best_scales.tolist(), strict=True))
+                posterior = model.posterior(readings, best_scales)
+                if number:
+                    weights = _student_weights(posterior, float(best_scales[-1]), weights)
+            self._keep(groups, parts, posterior)
+        self.errors_ = best_scales[model.n_groups :]
+        self._calibrate(model, readings, best_scales, posterior, train, seed)
+        self.diagnostics_ = {**self._report(groups, parts, posterior), **self._geometry_report()}
+        warn_unexplained(self.coefficients_, train)
+
+    def _loads(self, robot: Robot, train: Samples, *, has_coefficients: bool) -> ArmLoads:
+        """Return the training loads, with the derivative of the deflection by the weights."""
+        loads = ArmLoads.of(robot, train.q, train.wrench, self.rig_)
+        slopes = np.zeros((len(train), 3, robot.n_joints))
+        if has_coefficients:
+            heavier = replace(self.rig_, weight_factor=self.rig_.weight_factor + WEIGHT_STEP)
+            moved = ArmLoads.of(robot, train.q, train.wrench, heavier)
+            for group, coefficients in self._by_group():
+                if isinstance(group, LostMotion):
+                    first, second = (group.columns(of, self.sizes_) for of in (loads, moved))
+                    change = (second - first) * coefficients / WEIGHT_STEP
+                    slopes += change.reshape(*slopes.shape, -1).sum(axis=3)
+        return replace(loads, by_weight=slopes)
+
+    def _by_group(self) -> list[tuple[Group, FloatArray]]:
+        """Return the groups of predictions with their coefficients."""
+        counts = self.counts_.astype(int)
+        parts = np.split(self.coefficients_, np.cumsum(counts)[:-1])
+        return [*zip(self._linear, parts, strict=True)]
+
+    def _rig_deflections(self, groups: Sequence[Group], parts: Sequence[FloatArray]) -> FloatArray:
+        """Return the (n, 3) deflections [m] by the current values of the searched groups."""
+        deflections = np.zeros(parts[0].shape[:2])
+        for group, columns in zip(groups, parts, strict=True):
+            if group.is_searched:
+                deflections += columns @ group.coefficients(self.rig_, self.sizes_)
+        return deflections
+
+    def _starts(self, groups: Sequence[Group], train: Samples) -> list[tuple[object, float]]:
+        """Return each scale's key and its first value."""
+        starts: list[tuple[object, float]] = [
+            (group, FIRST_SHARE * group.scale) for group in groups
+        ]
+        starts += [(("friction", width), FIRST_SHARE * FRICTION_SCALE) for width in FRICTION_WIDTHS]
+        starts += [("wrench", FIRST_SHARE * WRENCH_SCALE)]
+        return [*starts, ("noise", FIRST_NOISE * _instrument(train))]
+
+    def _grouped(
+        self,
+        groups: Sequence[Group],
+        parts: Sequence[FloatArray],
+        loads: ArmLoads,
+        weights: FloatArray,
+        train: Samples,
+    ) -> GroupedModel:
+        columns, group_of = joined(parts)
+        independent = np.eye(3) / weights[:, None, None]
+        blocks = [*self._error_blocks(loads), independent]
+        typical = [group.scale for group in groups]
+        typical += [FRICTION_SCALE] * len(FRICTION_WIDTHS) + [WRENCH_SCALE]
+        noise = _instrument(train)
+        size = float(np.sqrt((train.deflection**2).mean()))
+        bounds = [(LEAST * scale, MOST * scale) for scale in typical]
+        bounds.append((noise, max(MOST_NOISE * noise, MOST_SHARE * size)))
+        return GroupedModel(
+            columns, group_of, np.stack(blocks), np.array([*typical, math.inf]), np.array(bounds)
+        )
+
+    def _error_blocks(self, loads: ArmLoads) -> list[FloatArray]:
+        """Return the (n, 3, 3) covariances of friction and wrench at a scale of 1, m^2."""
+        friction = [friction_blocks(loads, self.sizes_, width) for width in FRICTION_WIDTHS]
+        return [*friction, wrench_blocks(loads, self.sizes_)]
+
+    def _keep(
+        self, groups: Sequence[Group], parts: Sequence[FloatArray], posterior: Posterior
+    ) -> None:
+        """Store the coefficients of the robot, and the rig."""
+        counts = [part.shape[2] for part in parts]
+        means = np.split(posterior.mean, np.cumsum(counts)[:-1])
+        of_robot = [number for number, group in enumerate(groups) if not group.is_searched]
+        self.counts_ = np.array([counts[number] for number in of_robot])
+        self.coefficients_ = np.concatenate([means[number] for number in of_robot])
+        for group, mean in zip(groups, means, strict=True):
+            if group.is_searched:
+                self.rig_ = group.changed(self.rig_, mean, self.sizes_)
+
+    def _calibrate(
+        self,
+        model: GroupedModel,
+        readings: FloatArray,
+        scales: FloatArray,
+        posterior: Posterior,
+        train: Samples,
+        seed: int,
+    ) -> None:
+        """Set the covariance of the coefficients by fits without each fifth of the poses.
+
+        Its factor makes 90 % intervals of left-out readings hold; the coefficients' scatter over
+        the fits is added (jackknife), because the scales are uncertain.
+        """
+        count, self.calibration_ = len(self.coefficients_), 1.0
+        roots, means, errors = [posterior.root[:count]], [], []
+        if len(np.unique(train.pose_id)) >= FEWEST_POSES:
+            for rows, left_out in folds_of_poses(train, seed):
+                part, tested = model.take(rows), model.take(left_out)
+                best_scales = part.searched(readings[rows], scales, FOLD_STEPS)
+                of_part = part.posterior(readings[rows], best_scales)
+                error = tested.columns @ of_part.mean - readings[left_out]
+                variance = ((tested.columns @ of_part.root) ** 2).sum(axis=2)
+                errors.append(error / np.sqrt(variance + tested.error_variance(best_scales)))
+                means.append(of_part.mean[:count])
+            sizes = np.abs(np.concatenate(errors))
+            self.calibration_ = float(np.quantile(sizes, TAIL)) / NORMAL_TAIL
+            scatter = np.array(means) - np.mean(means, axis=0)
+            roots = [self.calibration_ * roots[0], math.sqrt((FOLDS - 1.0) / FOLDS) * scatter.T]
+        self.root_ = np.hstack(roots)
+
+    def predict_reading(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] that the training samples' rig would read.
+
+        Arguments and errors are the same as for `predict`.
+        """
+        q, wrench = self._checked(q, wrench)
+        robot, wrench = self._measured(q, wrench)
+        return self._mean(robot, q, wrench, self.rig_)
+
+    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        return self._mean(robot, q, wrench, self.rig_.without_errors)
+
+    def _mean(self, robot: Robot, q: FloatArray, wrench: FloatArray, rig: Rig) -> FloatArray:
+        mean = np.empty((len(q), 3))
+        for first in range(0, len(q), ROWS):
+            rows = slice(first, first + ROWS)
+            loads = ArmLoads.of(robot, q[rows], wrench[rows], rig)
+            mean[rows] = self._columns(loads) @ self.coefficients_
+        return mean
+
+    def _columns(self, loads: ArmLoads) -> FloatArray:
+        columns, _ = joined([group.columns(loads, self.sizes_) for group in self._linear])
+        return columns
+
+    def _measured(self, q: FloatArray, wrench: FloatArray) -> tuple[Robot, FloatArray]:
+        """Return the robot with the measured point, and wrenches there."""
+        if self.geometry_ is None:
+            return self.robot_, wrench
+        return self.geometry_.robot, self.geometry_.wrench_at_tcp(q, wrench)
+
+    def deviation(self, q: FloatArray, wrench: FloatArray, *, reading: bool) -> FloatArray:
+        """Return the (n, 3) standard deviation [m] of the robot's deflection, or of a reading.
+
+        For a reading it includes the error that the rig would add.
+        """
+        robot, wrench = self._measured(*self._checked(q, wrench))
+        deviation = np.empty((len(q), 3))
+        for first in range(0, len(q), ROWS):
+            rows = slice(first, first + ROWS)
+            loads = ArmLoads.of(robot, q[rows], wrench[rows], self.rig_.without_errors)
+            variance = ((self._columns(loads) @ self.root_) ** 2).sum(axis=2)
+            if reading:
+                blocks = np.stack([*self._error_blocks(loads)])
+                errors = np.tensordot(self.errors_[:-1] ** 2, blocks, axes=1)
+                errors = np.diagonal(errors, axis1=1, axis2=2) + self.errors_[-1] ** 2
+                rig = self._mean(robot, q[rows], wrench[rows], self.rig_)
+                rig = rig - self._columns(loads) @ self.coefficients_
+                variance = variance + self.calibration_**2 * errors + rig**2
+            deviation[rows] = np.sqrt(variance)
+        return deviation
+
+    def _mean_and_deviation(
+        self, q: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        return self._predict(q, wrench), self.deviation(q, wrench, reading=True)
+
+    def _report(
+        self, groups: Sequence[Group], parts: Sequence[FloatArray], posterior: Posterior
+    ) -> dict[str, float]:
+        """Return each group's mean deflection [mm] over the training samples, 0 if it vanished.
+
+        The ends of a 90 % interval follow, and numbers of weights, force point and noise.
+        """
+        draws = posterior.mean[:, None] + posterior.root @ np.random.default_rng(0).normal(
+            size=(len(posterior.mean), DRAWS)
+        )
+        numbers: dict[str, float] = {}
+        ends = np.cumsum([0, *(part.shape[2] for part in parts)])
+        for name in dict.fromkeys(group.name for group in groups):
+            moved: FloatArray = np.zeros((*parts[0].shape[:2], 1 + DRAWS))
+            for number, group in enumerate(groups):
+                if group.name == name:
+                    rows = slice(ends[number], ends[number + 1])
+                    coefficients = np.column_stack([posterior.mean[rows], draws[rows]])
+                    moved = moved + parts[number] @ coefficients
+            sizes = 1e3 * np.linalg.norm(moved, axis=1).mean(axis=0)
+            low, high = np.quantile(sizes[1:], [0.5 - TAIL / 2.0, 0.5 + TAIL / 2.0])
+            numbers[f"{name} [mm]"] = float(sizes[0])
+            numbers[f"{name} 90 % interval from [mm]"] = float(low)
+            numbers[f"{name} 90 % interval to [mm]"] = float(high)
+        rig = self.rig_
+        for joint, factor in enumerate(rig.weight_factor, start=1):
+            numbers[f"weights on joint {joint} [%]"] = 100.0 * float(factor)
+        for axis, value in zip("xyz", rig.force_point, strict=True):
+            numbers[f"force point from the TCP, {axis} [mm]"] = 1e3 * float(value)
+        return numbers | {"noise [mm]": 1e3 * float(self.errors_[-1])}
+
+
+def _student_weights(posterior: Posterior, noise: float, weights: FloatArray) -> FloatArray:
+    """Return the next (n,) weights of samples, as Student's t distribution gives them.
+
+    `noise` is the standard deviation of an independent error [m], `weights` are the current ones.
+    """
+    variance = (noise**2 / weights)[:, None]
+    error = variance * posterior.weighted
+    squares = error**2 + variance - variance**2 * posterior.precision
+    total = squares.sum(axis=1) / noise**2
+    return np.asarray(np.minimum((FREEDOM + 3.0) / (FREEDOM + total), MOST_WEIGHT))
+
+
+def _instrument(train: Samples) -> float:
+    """Return the standard deviation of the instrument's readings, m."""
+    return train.instrument_noise or TRACKER_NOISE

@@ -1,0 +1,190 @@
+"""Linear models whose groups of coefficients have scales: most probable scales, and posterior.
+
+Readings y of n samples, three values each, are y = F b + e. The coefficients are b_k ~ N(0, s_g^2)
+for the group g of column k. The errors of different samples are independent,
+e_i ~ N(0, sum_m s_m^2 B_mi) with 3 x 3 blocks B. The scales s maximise
+
+    ln p(y | s) - sum s / typical,
+
+the marginal likelihood with an exponential prior on each scale. Its mode is 0, so a group that is
+not needed vanishes (MacKay 1992). Everything is computed in the space of the p columns: with the
+errors' Cholesky factor L, F' = L^-1 F and D = diag(s),
+ln|F D^2 F^T + L L^T| = 2 ln|L| + ln|1 + D F'^T F' D|.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import minimize
+
+from stiff_protocols.contract.types import FloatArray, IntArray
+
+LEAST, MOST = float(np.exp(-7.0)), float(np.exp(3.0))
+"""Bounds of a scale over its typical value; at the lower one a group has vanished."""
+VANISHED = 1.6 * LEAST
+TOLERANCE = 1e-6
+"""Least relative gain of a step of the search."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Coefficients given the readings.
+
+    Attributes:
+        mean: (p,) coefficients.
+        root: (p, p) matrix whose product with its transpose is their covariance.
+        weighted: (n, 3) inverse covariance of the readings, times the readings.
+        precision: (n, 3) diagonal of that inverse covariance.
+    """
+
+    mean: FloatArray
+    root: FloatArray
+    weighted: FloatArray
+    precision: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GroupedModel:
+    """A linear model with groups of columns.
+
+    Attributes:
+        columns: (n, 3, p) F, m.
+        group_of: (p,) group of each column.
+        blocks: (n_blocks, n, 3, 3) B, m^2.
+        typical: (n_groups + n_blocks,) typical scales; infinite: only the bounds count.
+        bounds: (n_groups + n_blocks, 2) bounds of the scales.
+    """
+
+    columns: FloatArray
+    group_of: IntArray
+    blocks: FloatArray
+    typical: FloatArray
+    bounds: FloatArray
+
+    @property
+    def n_groups(self) -> int:
+        """Number of groups; the scales of errors follow."""
+        return len(self.typical) - len(self.blocks)
+
+    def take(self, rows: IntArray) -> GroupedModel:
+        """Return the model of some samples."""
+        return replace(self, columns=self.columns[rows], blocks=self.blocks[:, rows])
+
+    def searched(self, readings: FloatArray, start: FloatArray, most_steps: int) -> FloatArray:
+        """Return the most probable scales for (n, 3) readings [m]; a vanished group has 0."""
+
+        def loss(logs: Any) -> tuple[float, Any]:  # scipy's types know no such arrays
+            return self._loss(readings, np.exp(logs))
+
+        limits: Any = np.log(self.bounds)
+        options: Any = {"maxiter": most_steps, "ftol": TOLERANCE, "maxcor": 20}
+        optimum = minimize(
+            loss,
+            np.log(np.clip(start, *self.bounds.T)),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=limits.tolist(),
+            options=options,
+        )
+        scales = np.exp(optimum.x)
+        has_vanished = np.isfinite(self.typical) & (scales < VANISHED * self.typical)
+        return np.where(has_vanished, 0.0, scales)
+
+    def posterior(self, readings: FloatArray, scales: FloatArray) -> Posterior:
+        """Return the coefficients given (n, 3) readings [m]."""
+        white = self._whitened(readings, scales)
+        root = solve_triangular(white.factor, np.diag(white.deviations), lower=True).T
+        fitted = white.spread @ white.readings
+        back = white.inverse.swapaxes(1, 2)
+        residual = (white.readings - white.spread.T @ fitted).reshape(-1, 3, 1)
+        precision = np.diagonal(back @ white.outside @ white.inverse, axis1=1, axis2=2)
+        return Posterior(root @ fitted, root, (back @ residual)[..., 0], precision)
+
+    def error_variance(self, scales: FloatArray) -> FloatArray:
+        """Return the (n, 3) variances [m^2] of the readings' errors."""
+        total = np.tensordot(scales[self.n_groups :] ** 2, self.blocks, axes=1)
+        return np.asarray(np.diagonal(total, axis1=1, axis2=2))
+
+    def _whitened(self, readings: FloatArray, scales: FloatArray) -> _Whitened:
+        groups, errors = np.split(scales, [self.n_groups])
+        error_root = np.linalg.cholesky(np.tensordot(errors**2, self.blocks, axes=1))
+        inverse = np.linalg.inv(error_root)
+        return _Whitened(
+            (inverse @ self.columns).reshape(readings.size, -1),
+            (inverse @ readings[..., None]).reshape(-1),
+            groups[self.group_of],
+            inverse,
+        )
+
+    def _loss(self, readings: FloatArray, scales: FloatArray) -> tuple[float, FloatArray]:
+        """Return the negative log-probability, and its derivatives by the scales' logarithms."""
+        white, shares = self._whitened(readings, scales), scales / self.typical
+        fitted = white.spread @ white.readings
+        value = 0.5 * float(white.readings @ white.readings - fitted @ fitted) + float(
+            np.log(np.diag(white.factor)).sum()
+            - np.log(np.diagonal(white.inverse, axis1=1, axis2=2)).sum()
+            + shares.sum()
+        )
+        explained = white.spread @ white.columns
+        pull = white.columns.T @ white.readings - explained.T @ fitted
+        by_variance = np.diag(white.gram) - (explained**2).sum(axis=0) - pull**2
+        by_group = np.bincount(self.group_of, by_variance, minlength=self.n_groups)
+        residual = (white.readings - white.spread.T @ fitted).reshape(-1, 3)
+        curvature = white.outside - residual[:, :, None] * residual[:, None]
+        curvature = white.inverse.swapaxes(1, 2) @ curvature @ white.inverse
+        by_error = np.einsum("mnij,nij->m", self.blocks, curvature)
+        return value, scales**2 * np.concatenate([by_group, by_error]) + shares
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """Columns and readings in units of the errors.
+
+    Attributes:
+        columns: (3 n, p) F'.
+        readings: (3 n,) L^-1 y.
+        deviations: (p,) scale of each column.
+        inverse: (n, 3, 3) L^-1.
+    """
+
+    columns: FloatArray
+    readings: FloatArray
+    deviations: FloatArray
+    inverse: FloatArray
+
+    @cached_property
+    def gram(self) -> FloatArray:
+        """(p, p) F'^T F'."""
+        return np.asarray(self.columns.T @ self.columns)
+
+    @cached_property
+    def factor(self) -> FloatArray:
+        """(p, p) Cholesky factor of 1 + D F'^T F' D."""
+        scaled = self.deviations[:, None] * self.gram * self.deviations
+        return np.asarray(cholesky(np.eye(len(scaled)) + scaled, lower=True))
+
+    @cached_property
+    def spread(self) -> FloatArray:
+        """(p, 3 n) the factor's inverse times D F'^T."""
+        scaled = self.deviations[:, None] * self.columns.T
+        return np.asarray(solve_triangular(self.factor, scaled, lower=True))
+
+    @cached_property
+    def outside(self) -> FloatArray:
+        """(n, 3, 3) blocks of the whitened readings' inverse covariance."""
+        of_sample = np.ascontiguousarray(
+            self.spread.reshape(len(self.spread), -1, 3).transpose(1, 2, 0)
+        )
+        return np.eye(3) - of_sample @ of_sample.swapaxes(1, 2)
+
+
+def joined(parts: Sequence[FloatArray]) -> tuple[FloatArray, IntArray]:
+    """Return the (n, 3, p) columns of all groups, and the (p,) group of each column."""
+    counts = [part.shape[2] for part in parts]
+    return np.concatenate(parts, axis=2), np.repeat(np.arange(len(parts)), counts)
