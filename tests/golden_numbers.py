@@ -111,6 +111,7 @@ VARIANTS: dict[str, tuple[Options, ...]] = {
         {"springs": springs, "solver": solver} for springs in (3, 6) for solver in ("nnls", "ridge")
     ),
     "curve-springs": ({}, {"weights": "student"}, {"tcp": "fit"}),
+    "bayes-springs": ({}, {"groups": "joints+bearings+lost motion"}),
     "mlp": (
         {},
         {"training": "normal"},

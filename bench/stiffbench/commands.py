@@ -108,7 +108,7 @@ def _fit(
 
     Args:
         models: model to fit; NAME@OPTION=VALUE sets its options.
-        output: file; an existing one is replaced.
+        output: new file; an existing one is refused.
         datasets: data set to fit it to.
         settings: option of the model or the data set; may be repeated.
         device: device that networks run on.

@@ -49,7 +49,7 @@ from stiff_protocols.contract.types import (
 )
 from stiff_protocols.scoring.conformal import calibration_samples_needed, conformal_interval
 from stiff_protocols.scoring.cross_validated import CrossValidatedError
-from stiff_protocols.springs.identification import LOST_MOTION
+from stiff_protocols.springs.identification import CONTRIBUTION, LOST_MOTION
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -415,6 +415,10 @@ class Model(ShownObject):
             of_name = name.replace(" standard error", "")
             if of_name != name and of_name in texts:
                 texts[of_name] += f" ± {texts.pop(name)} (standard error)"
+            of_name, other_end = name.replace(LOW_END, ""), name.replace(LOW_END, HIGH_END)
+            if of_name != name and of_name in texts:
+                ends = f"{texts.pop(name)} to {texts.pop(other_end)}"
+                texts[of_name] += f" (90 % interval {ends})"
         return [*lines, *(f"- {name}: {text}" for name, text in texts.items())]
 
     def report(self, data: Dataset, seed: int) -> Text:
@@ -587,11 +591,13 @@ def wrap_model_errors(
 
 
 SPRING_INTERVAL = 0.9
+LOW_END, HIGH_END = " 90 % interval from", " 90 % interval to"
 
 
 def _number_text(name: str, value: float) -> str:
     """Return the text of a number in `diagnostics`."""
-    return "none found" if name.startswith(LOST_MOTION) and not value else f"{value:.4g}"
+    is_missing = name.startswith((LOST_MOTION, CONTRIBUTION)) and not value
+    return "none found" if is_missing else f"{value:.4g}"
 
 
 def _springs_table(springs: IdentifiedSprings) -> Table:

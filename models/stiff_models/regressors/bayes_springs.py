@@ -36,6 +36,7 @@ from stiff_models.regressors.spring_groups import (
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import unit_deflections
+from stiff_protocols.springs.identification import CONTRIBUTION
 
 ROUNDS, REWEIGHTINGS = 3, 2
 """Rounds of Gauss-Newton, the first without the searched groups; reweightings in the others."""
@@ -52,6 +53,8 @@ FIRST_NOISE, MOST_NOISE, MOST_SHARE = 3.0, 10.0, 0.3
 WEIGHT_STEP = 0.05
 ROWS = 2048
 """Predictions computed together."""
+LEAST_CONTRIBUTION = 1e-3
+"""mm; a group that moves the TCP less is not found."""
 DRAWS = 200
 """Draws of the coefficients for the interval of a group's contribution."""
 TAIL, NORMAL_TAIL = 0.9, 1.6448536269514722
@@ -123,7 +126,10 @@ class BayesSprings(NormalModel, GeometryModel):
             self._keep(groups, parts, posterior)
         self.errors_ = best_scales[model.n_groups :]
         self._calibrate(model, readings, best_scales, posterior, train, seed)
-        self.diagnostics_ = {**self._report(groups, parts, posterior), **self._geometry_report()}
+        self.diagnostics_ = {
+            **self._report(robot, groups, parts, posterior),
+            **self._geometry_report(),
+        }
         warn_unexplained(self.coefficients_, train)
 
     def _loads(self, robot: Robot, train: Samples, *, has_coefficients: bool) -> ArmLoads:
@@ -290,9 +296,13 @@ class BayesSprings(NormalModel, GeometryModel):
         return self._predict(q, wrench), self.deviation(q, wrench, reading=True)
 
     def _report(
-        self, groups: Sequence[Group], parts: Sequence[FloatArray], posterior: Posterior
+        self,
+        robot: Robot,
+        groups: Sequence[Group],
+        parts: Sequence[FloatArray],
+        posterior: Posterior,
     ) -> dict[str, float]:
-        """Return each group's mean deflection [mm] over the training samples, 0 if it vanished.
+        """Return each group's mean deflection [mm] over the training samples, 0 if none is found.
 
         The ends of a 90 % interval follow, and numbers of weights, force point and noise.
         """
@@ -310,12 +320,16 @@ class BayesSprings(NormalModel, GeometryModel):
                     moved = moved + parts[number] @ coefficients
             sizes = 1e3 * np.linalg.norm(moved, axis=1).mean(axis=0)
             low, high = np.quantile(sizes[1:], [0.5 - TAIL / 2.0, 0.5 + TAIL / 2.0])
+            name = f"{CONTRIBUTION} {name}"
+            if sizes[0] < LEAST_CONTRIBUTION:
+                numbers[f"{name} [mm]"] = 0.0
+                continue
             numbers[f"{name} [mm]"] = float(sizes[0])
             numbers[f"{name} 90 % interval from [mm]"] = float(low)
             numbers[f"{name} 90 % interval to [mm]"] = float(high)
         rig = self.rig_
-        for joint, factor in enumerate(rig.weight_factor, start=1):
-            numbers[f"weights on joint {joint} [%]"] = 100.0 * float(factor)
+        for joint, factor in zip(robot.joint_names, rig.weight_factor, strict=True):
+            numbers[f"weights on {joint} [%]"] = 100.0 * float(factor)
         for axis, value in zip("xyz", rig.force_point, strict=True):
             numbers[f"force point from the TCP, {axis} [mm]"] = 1e3 * float(value)
         return numbers | {"noise [mm]": 1e3 * float(self.errors_[-1])}

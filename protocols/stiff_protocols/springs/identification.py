@@ -109,7 +109,7 @@ SPRING_CURVE = "spring "
 """Begins the name of a curve of a fitted model that is a joint's spring."""
 
 
-LOST_MOTION = "lost motion"
+LOST_MOTION, CONTRIBUTION = "lost motion", "contribution of"
 """Begins the name of the width of a joint's lost motion; the width is 0 if none is found."""
 
 

@@ -70,6 +70,17 @@ def test_a_wrong_file_is_refused_by_file_key_and_value(text, message, tmp_path):
     assert str(file) in str(refused.value) and message in str(refused.value)
 
 
+def test_a_run_may_ask_for_intervals(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'title = "a"\nmetrics = ["norm"]\n[[run]]\nmodels = ["vjm"]\n'
+        'datasets = ["kr10-twin"]\n[[run]]\nmodels = ["gp"]\ndatasets = ["kr10-twin"]\n'
+        "intervals = true\n"
+    )
+    plain, with_intervals = read_study(file).plans(build_registry(), output=tmp_path, command="")
+    assert plain.coverage is None and with_intervals.coverage == 0.9
+
+
 @pytest.mark.parametrize(
     ("name", "n_fits", "n_shared"),
     [

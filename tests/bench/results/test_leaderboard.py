@@ -252,4 +252,4 @@ def test_on_a_study_s_board_measured_data_have_estimates_and_no_verdicts(made):
     assert not any("verdict" in key[0] for key in board.frame if isinstance(key, tuple))
     (table,) = [table for table in board.tables if table.about.get("table") == "data set"]
     assert "verdict" not in {column.name for column in table.columns}
-    assert any("cannot show a difference" in note for note in table.notes)
+    assert any("is found in" in note for note in table.notes)

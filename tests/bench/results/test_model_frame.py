@@ -76,6 +76,21 @@ def test_worlds_of_a_robot_weigh_the_same_and_have_columns_with_intervals(made):
     assert ends == pytest.approx(0.9 * np.exp(bounds))
 
 
+def test_the_coverage_of_the_models_own_intervals_has_a_column_by_world_and_number_of_poses(made):
+    for number in range(N_ROBOTS):
+        for words in ("@world=clean", "@world=all"):
+            made.add_robot(number, {"net": 0.5}, words=words, coverage=0.9)
+            made.add_robot(number, {"net": 0.5}, words=words, protocol="few")
+    scores, few = (made.scores(protocol=name) for name in ("holdout", "few"))
+    table = model_frame(scores, {"20 poses": few})
+    net = table.set_index("model").loc["net"]
+    assert net["coverage", "clean"] == net["coverage", "all"] == 1.0
+    assert np.isnan(net["coverage", "20 poses"])  # without intervals
+    tables = board_tables(scores, table, {})
+    (shown,) = [part for part in tables if part.about.get("table") == "coverage"]
+    assert [row[0] for row in shown.texts()] == ["net", "vjm"]
+
+
 def test_with_few_robots_the_ratio_is_their_mean_and_there_is_no_interval(made):
     made.add_robot(0, {"net": 0.5})
     for number in range(1, 4):

@@ -117,3 +117,10 @@ def test_a_selection_holds_for_frames_and_an_outdated_name_warns_only_of_itself(
     assert fits.set_index("dataset")["norm_mm"].to_dict() == pytest.approx(
         {"left": 4.0, "right": 6.0}
     )
+
+
+def test_a_summary_of_several_data_sets_ranks_by_the_truth_where_it_was_asked_for(tmp_path):
+    data = ["ur5-twin", "arm-family@world=clean"]
+    for metrics, heading in (([], "3-D error"), (["true-norm", "norm"], "true error")):
+        results = sb.evaluate("mean", data, splits=1, metrics=metrics, output=tmp_path)
+        assert any(table.title.startswith(heading) for table in results.summary().tables)

@@ -12,6 +12,7 @@ from stiff_models import load
 from stiff_models.model_catalog import MODELS, SpringModel
 from stiff_models.networks.mlp import ResidualMlp
 from stiff_models.physics.fitted_geometry import GeometryModel
+from stiff_models.physics.fourier_springs import FourierSprings
 from stiff_models.physics.vjm import OnPhysics, fitted_physics
 from stiff_models.regressors.gp_model import VjmGp
 from stiff_models.regressors.regressor_model import VjmBoosting, ZeroModel
@@ -32,7 +33,8 @@ def with_vjm_deflections(samples, robot):
 
 def test_every_spring_model_of_the_catalogue_may_be_the_physics():
     usable = [info for info in MODELS if not info.missing()]
-    springs = [info.key for info in usable if issubclass(info.load(), GeometryModel)]
+    kinds = (GeometryModel, FourierSprings)
+    springs = [info.key for info in usable if issubclass(info.load(), kinds)]
     assert list(get_args(SpringModel)) == springs
 
 
@@ -49,7 +51,7 @@ def test_a_learner_that_learns_nothing_leaves_the_physics(key, parts):
     np.testing.assert_equal(model.diagnostics_, physics.diagnostics_)  # some are NaN
 
 
-@pytest.mark.parametrize("key", ["curve-springs", "gp-springs"])
+@pytest.mark.parametrize("key", ["curve-springs", "gp-springs", "bayes-springs"])
 def test_a_saved_learner_predicts_the_same_on_any_physics(key, parts, tmp_path):
     robot, train, _, test = parts
     model = VjmBoosting(physics=key, trees=5).fit(train.take(np.arange(40)), robot=robot)
