@@ -87,8 +87,8 @@ def test_the_coverage_of_the_models_own_intervals_has_a_column_by_world_and_numb
     assert net["coverage", "clean"] == net["coverage", "all"] == 1.0
     assert np.isnan(net["coverage", "20 poses"])  # without intervals
     tables = board_tables(scores, table, {})
-    (shown,) = [part for part in tables if part.about.get("table") == "coverage"]
-    assert [row[0] for row in shown.texts()] == ["net", "vjm"]
+    (coverage,) = [part for part in tables if part.about.get("table") == "coverage"]
+    assert [row[0] for row in coverage.texts()] == ["net", "vjm"]
 
 
 def test_with_few_robots_the_ratio_is_their_mean_and_there_is_no_interval(made):
