@@ -34,9 +34,6 @@ bench figure scores --results results/runs --output scores.png
 
 More pictures: [tool path](correct-a-path.md), [stiffness map and posture](place-the-work.md),
 [board](read-the-results.md).
-
-The pictures `losses`, `sweep`, `freezing` and those of the paper except Figure 4 show
-`results/paper/runs`: the `kr10-twin` of version 0.2, whose gears had lost motion.
 """
 COMPARED = ("vjm", "vjm-full", "vjm-multisegment", "vjm-gp", "gp-springs")
 OF_COMPARED = ("scores", "regression", "errors", "workspace", "springs")
