@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import re
 import shutil
@@ -10,6 +11,7 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Iterator
+from typing import TextIO
 
 from stiff_protocols.contract.screen import one_line as one_line
 from stiff_protocols.contract.screen import printable as printable
@@ -21,6 +23,15 @@ WIDEST_TEXT = 100
 _CELLS = re.compile(r"\S {2,}\S|^\|")
 """Pattern of lines of tables; sentences do not match."""
 _BULLET_AND_SENTENCE = re.compile(r"(\s*(?:\W )?)(.*)")
+
+
+def escape_missing_characters(stream: TextIO) -> None:
+    """Make a stream write "?" for characters that its encoding does not have, such as ≈.
+
+    Standard error writes their numbers already.
+    """
+    if isinstance(stream, io.TextIOWrapper) and stream.errors != "backslashreplace":
+        stream.reconfigure(errors="replace")
 
 
 def say(message: str) -> None:

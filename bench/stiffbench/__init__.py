@@ -11,9 +11,12 @@ Each name is imported at its first use, so that `import stiffbench` is fast.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import re
+from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -70,7 +73,28 @@ def __getattr__(name: str) -> Any:
         return version("stiffbench")
     if name not in MODULE_OF:
         raise AttributeError(f"module 'stiffbench' has no attribute {name!r}")
-    return getattr(importlib.import_module(MODULE_OF[name]), name)
+    member = getattr(importlib.import_module(MODULE_OF[name]), name)
+    return _with_known_arguments(member) if isinstance(member, FunctionType) else member
+
+
+@functools.cache
+def _with_known_arguments(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the function; called with an unknown argument, it names the right one."""
+    import inspect  # slow, not needed by `import stiffbench`
+
+    parameters = inspect.signature(function).parameters
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+        return function
+
+    @functools.wraps(function)
+    def called(*args: Any, **arguments: Any) -> Any:
+        if unknown := next((name for name in arguments if name not in parameters), None):
+            from stiff_protocols.contract.errors import unknown_name
+
+            raise unknown_name(f"argument of {function.__name__}", unknown, parameters)
+        return function(*args, **arguments)
+
+    return called
 
 
 def __dir__() -> list[str]:

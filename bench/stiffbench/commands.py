@@ -9,6 +9,7 @@ import importlib
 import inspect
 import operator
 import re
+import shlex
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -378,9 +379,8 @@ def _submit(
         **options,
     )
     n_records = counted(len(submission.records), "record")
-    return (
-        f"{output}: {submission.manifest.model}, {n_records} written; next: bench verify {output}"
-    )
+    verify = shlex.join(["bench", "verify", str(output)])
+    return f"{output}: {submission.manifest.model}, {n_records} written; next: {verify}"
 
 
 def _verify(

@@ -11,7 +11,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import stiffbench as sb
-from stiff_bench.console import print_text, say
+from stiff_bench.console import escape_missing_characters, print_text, say
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
 from stiffbench.commands import COMMANDS, GROUPS, Command
 from stiffbench.help_page import HelpPage, page_end, print_rows
@@ -40,6 +40,8 @@ def main(arguments: list[str] | None = None) -> None:
     """
     words = sys.argv[1:] if arguments is None else arguments
     debug = "--debug" in words
+    for stream in (sys.stdout, sys.stderr):
+        escape_missing_characters(stream)
     for number in (signal.SIGTERM, signal.SIGHUP):  # so that temporary files are taken away
         signal.signal(number, _stop)
     try:

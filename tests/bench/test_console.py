@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import re
 
-from stiff_bench.console import print_markdown, print_prose, print_text, wrapped, wrapped_lines
+import pytest
+
+from stiff_bench.console import (
+    escape_missing_characters,
+    print_markdown,
+    print_prose,
+    print_text,
+    wrapped,
+    wrapped_lines,
+)
 
 
 def test_sentences_are_broken_between_words_as_wide_as_the_terminal_and_tables_are_not(monkeypatch):
@@ -47,3 +57,12 @@ def test_markdown_is_laid_out_on_a_terminal_and_harmless(monkeypatch, capsys):
     assert "[red]" in out and r"\x1b[31m" in out
     lines = re.sub(r"\x1b\[[\d;]*m", "", out).splitlines()
     assert max(map(len, lines)) <= 60 and "|---|" not in out
+
+
+@pytest.mark.parametrize(("encoding", "printed"), [("ascii", b"? ?"), ("cp1252", b"\xb1 ?")])
+def test_a_character_that_the_console_does_not_have_is_replaced(encoding, printed, monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding, write_through=True)
+    escape_missing_characters(stream)
+    monkeypatch.setattr("sys.stdout", stream)
+    print_text("± ≈")
+    assert stream.buffer.getvalue() == printed + b"\n"

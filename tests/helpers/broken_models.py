@@ -239,6 +239,20 @@ class TakesLabels(Springs):
         return predicted
 
 
+class WithoutSeed(Springs):
+    def fit(self, train, *, robot, validation=None):
+        return super().fit(train, robot=robot)
+
+
+class WithoutOptions:
+    fit, predict = Springs.fit, Springs.predict
+
+
+class NeedsOption(Springs):
+    def __init__(self, *, scale: float):
+        super().__init__(scale=scale)
+
+
 class ReplacesOurs(Springs):
     def learned(self, train, validation, seed):
         metrics.norm_errors = lambda *_: ()
@@ -247,6 +261,9 @@ class ReplacesOurs(Springs):
 BROKEN = [
     (ByPosition, "the constructor takes keywords", "scale can be passed without a name"),
     (Converts, "the constructor takes keywords", "raised TypeError"),
+    (WithoutSeed, "the constructor takes keywords", r"has fit\(.*'seed'"),
+    (WithoutOptions, "the constructor takes keywords", "no get_params and no set_params"),
+    (NeedsOption, "the constructor takes keywords", "scale"),
     (LosesOption, "clone gives", r"get_params names \[\], the constructor \['scale'\]"),
     (ForeignAnnotation, "options can be listed", "raised NameError: name 'NotThere'"),
     (PredictsEarly, "predict before fit", "returned numbers"),

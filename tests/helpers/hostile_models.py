@@ -53,6 +53,21 @@ class Raises(Good):
         raise RuntimeError("no licence")
 
 
+class KillsTheServer(Good):
+    """Ends the process that starts all fits, while others compute."""
+
+    def fit(self, train, **_):
+        time.sleep(0.3)
+        os.kill(os.getppid(), signal.SIGKILL)
+        time.sleep(60)
+
+
+class KillsTheGroup(Good):
+    def fit(self, train, **_):
+        os.killpg(os.getpgid(os.getppid()), signal.SIGKILL)
+        time.sleep(60)
+
+
 class Hangs(Good):
     def fit(self, train, **_):
         print("going to sleep", flush=True)

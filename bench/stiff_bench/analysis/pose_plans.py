@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -100,15 +101,16 @@ class PosePlan:
         self,
         file: Path,
         robot: Robot,
-        robot_words: str,
+        option_words: str,
         measured: Measured | None = None,
     ) -> str:
         """Return a text on the plan's gain and the next steps with its `file`.
 
-        `robot_words` are command line options that name the robot.
+        `option_words` are command line options that name the robot and describe the file.
         """
         size = np.linalg.norm(self.plan.wrench[0, :3])
         after = f" after {measured.file}" if measured else ""
+        file_to_check = measured.file if measured else str(file)
         append = f", and append the rows to {measured.file}" if measured else ""
         lines = [
             f"{file}: {counted(len(self.plan.q), 'pose')} of {robot.name}{after}, one suggested "
@@ -122,7 +124,7 @@ class PosePlan:
             "",
             "Next: measure, fill in dx_mm, dy_mm, dz_mm, replace the suggested wrench by the "
             f"actual one{append}; then",
-            f"  bench data validate {measured.file if measured else file}{robot_words}",
+            f"  bench data validate {shlex.quote(file_to_check)}{option_words}",
         ]
         return "\n".join(lines)
 

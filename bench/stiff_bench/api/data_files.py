@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import warnings
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -24,7 +25,7 @@ from stiff_datasets.measured.card_text import (
     fact_rows,
     one_row,
     own_card,
-    tcp_words,
+    tcp_option,
     what_text,
 )
 from stiff_datasets.measured.data_card import card_file, parse_card
@@ -166,10 +167,9 @@ def _verdict(csv: Path, robot: Robot, options: FileOptions) -> str:
         report = validate(csv, robot, options)
     if not report.warnings:
         return f", {report.verdict}"
-    words = robot_words(robot)
-    words = words if "same" not in words else " with the same options"
+    words = shlex.join(["bench", "data", "validate", str(csv), *options.words])
     n_warnings = counted(len(report.warnings), "warning")
-    return f", {report.verdict}: {n_warnings}, which bench data validate {csv}{words} lists"
+    return f", {report.verdict}: {n_warnings}, which {words}{robot_words(robot)} lists"
 
 
 def _gaps(described: DescribedFile, card: Path, command: str) -> list[str]:
@@ -249,7 +249,7 @@ def _card_rows(choice: Choice[DatasetInfo], data: BenchmarkData, earlier: str) -
     rows = {"What": what, "Version": FIRST_VERSION}
     rows |= {f"Caveat {i}": one_row(text) for i, text in enumerate(info.caveats, start=1)}
     if info.kind == "simulated":
-        rows |= {"Source": f"{program}: `bench data export {one_row(choice.name)}`"}
+        rows |= {"Source": f"{program}: `bench data export {one_row(shlex.quote(choice.name))}`"}
         rows |= {"Version": version("stiffbench")}
         if info.card:
             rows |= {"Citation": f"the stiffbench authors, {program}, data set {choice.name}"}
@@ -270,5 +270,6 @@ def _export_text(files: ExportedFiles, data: BenchmarkData, name: str) -> str:
             f"sha256 of the data set:          {data.sha256}",
             f"sha256 as read from these files: {files.sha256}",
         ]
-    command = f"bench data register {csv} --urdf {urdf} --tcp {tcp_words(data)}"
+    command = shlex.join(["bench", "data", "register", str(csv), "--urdf", str(urdf)])
+    command += f" {tcp_option(data.robot.tcp_on_flange)}"
     return "\n".join([*lines, *_gaps(files.described, card, command)])

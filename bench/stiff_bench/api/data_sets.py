@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,11 +26,17 @@ from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import Text
 from stiff_datasets.measured.drilled_holes import drilled_holes as drilled_holes
 from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
-from stiff_protocols.contract.errors import ConfigError, warn
+from stiff_protocols.contract.errors import ConfigError, DataError, warn
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.plugin import DatasetInfo
 from stiff_protocols.contract.screen import Screen, ShownObject
-from stiff_protocols.contract.types import SHOWN_ROWS, BenchmarkData, Robot, Samples
+from stiff_protocols.contract.types import (
+    SHOWN_ROWS,
+    BenchmarkData,
+    FloatArray,
+    Robot,
+    Samples,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -62,13 +69,13 @@ class Dataset(ShownObject):
         """Return the data set of a file, which is read at its first use; see `read_samples`."""
         if robot is None:
             raise ConfigError(f"{file}: name the measured robot: --urdf FILE.urdf or --robot NAME")
-        return cls(measured_file(Path(file), as_robot(robot), options))
+        return cls(measured_file(path_of(file), as_robot(robot), options))
 
     @classmethod
     def from_samples(
         cls,
         samples: Samples,
-        robot: Robot,
+        robot: str | Robot,
         *,
         name: str = "own-data",
         pose_tolerance: float = POSE_TOLERANCE,
@@ -79,11 +86,16 @@ class Dataset(ShownObject):
         most `pose_tolerance` (deg, and mm of prismatic joints): a split may separate them.
 
         Raises:
-            DataError: samples and robot have different numbers of joints.
+            ConfigError: the robot's name is unknown.
+            DataError: samples and robot have different numbers of joints, or joint angles are in
+                degrees. Rows count from 0.
         """
         from stiff_datasets.measured.sample_file import near_poses
 
+        robot = as_robot(robot)
         dataset = cls(held_data(BenchmarkData(samples, robot), name))
+        if in_degrees := degrees_text(samples.q, robot):
+            raise DataError(f"{name}: {in_degrees}")
         if near := near_poses(samples, robot, pose_tolerance):
             warn(f"{name}: {near}")
         return dataset
@@ -92,7 +104,7 @@ class Dataset(ShownObject):
     def from_frame(
         cls,
         frame: DataFrame,
-        robot: Robot,
+        robot: str | Robot,
         *,
         name: str = "own-data",
         no_torque: bool = False,
@@ -102,17 +114,26 @@ class Dataset(ShownObject):
 
         Args:
             frame: table of samples.
-            robot: measured robot.
+            robot: measured robot: a shipped name or a `Robot`.
             name: name of the data set in tables.
             no_torque: see `read_samples`.
             pose_tolerance: see `read_samples`.
 
         Raises:
+            ConfigError: `frame` is not a DataFrame, or the robot's name is unknown.
             DataError: a column is missing, or a value is not valid. The message names row and
                 column; rows count from 0, as in ``frame.iloc``.
         """
+        from pandas import DataFrame
+
         from stiff_datasets.measured.sample_file import samples_of
 
+        if not isinstance(frame, DataFrame):
+            raise ConfigError(
+                f"{type(frame).__name__} is not a DataFrame; use read_samples(file, robot=...) for "
+                "a file, and Dataset.from_samples(samples, robot) for arrays"
+            )
+        robot = as_robot(robot)
         options = FileOptions(no_torque, None, pose_tolerance)
         samples = samples_of(Path(name), frame, robot, "no data set was made", options)
         return cls(held_data(BenchmarkData(samples, robot), name))
@@ -190,9 +211,15 @@ class Dataset(ShownObject):
         rows of a pose are in training and test data, the test is too easy.
 
         Raises:
+            ConfigError: `rows` is the name of a column.
             IndexError: a row does not exist, or the mask has another length.
         """
         data = self.data
+        if isinstance(rows, str) or np.asarray(rows).dtype.kind == "U":
+            raise ConfigError(
+                f"{rows!r} does not choose samples; use .frame()[{rows!r}] for columns "
+                "(deg, N, N m, mm)"
+            )
         chosen = np.atleast_1d(np.arange(len(data.samples))[rows])
         bound_rows = {name: values[chosen] for name, values in data.bound_deflections.items()}
         part = replace(data, samples=data.samples.take(chosen), bound_deflections=bound_rows)
@@ -203,6 +230,17 @@ class Dataset(ShownObject):
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.samples)
+
+    if not TYPE_CHECKING:  # a type checker would accept every name
+
+        def __getattr__(self, name: str) -> Any:
+            """Name `frame` for what only a DataFrame has, such as `head`."""
+            hint = ""
+            if not name.startswith("_"):
+                from pandas import DataFrame
+
+                hint = f"; use .frame().{name}" if hasattr(DataFrame, name) else ""
+            raise AttributeError(f"a Dataset has no {name!r}{hint}")
 
     def plot(self) -> Prepared:
         """Return the picture of its poses, load directions, deflections and joint torques."""
@@ -238,6 +276,34 @@ def _slice_text(rows: slice) -> str:
         "" if bound is None else str(bound) for bound in (rows.start, rows.stop, rows.step)
     )
     return f"{start}:{stop}" + (f":{step}" if step else "")
+
+
+def path_of(file: object) -> Path:
+    """Return the path of a user's file; ConfigError: it is an object in place of a path."""
+    if not isinstance(file, str | os.PathLike):
+        raise ConfigError(
+            f"{type(file).__name__} is not a file; give a path (a data set is written by "
+            '.export(folder), a DataFrame by .to_csv("my.csv", index=False))'
+        )
+    return Path(file)
+
+
+FARTHEST_TURN = 6.0 * np.pi
+"""Three turns: farther joint angles are in degrees, unless the joint's limits allow them."""
+
+
+def degrees_text(q: FloatArray, robot: Robot) -> str:
+    """Return which of the joint angles `q`, (n, n_joints) rad, are in degrees; "" for none."""
+    limits = np.fmax(np.abs(robot.lower), np.abs(robot.upper))
+    farthest = np.fmax(FARTHEST_TURN, np.where(np.isfinite(limits), limits, 0.0))
+    too_far = (np.abs(q) > farthest) & robot.turns
+    if not too_far.any():
+        return ""
+    row, joint = (int(number) for number in np.argwhere(too_far)[0])
+    return (
+        f"row {row}, joint {robot.joint_names[joint]}: {q[row, joint]:g} rad, expected at most "
+        f"{farthest[joint]:.3g} rad; angles in degrees? Convert them by numpy.radians(q)"
+    )
 
 
 def as_dataset(data: object, robot: str | Robot | None = None) -> Dataset:
@@ -277,6 +343,8 @@ def load_dataset(name: str, **options: Any) -> Dataset:
         ConfigError: the name or an option is unknown, or a value is wrong.
         DataError: the data set cannot be loaded.
     """
+    if not isinstance(name, str):
+        raise ConfigError(f"{type(name).__name__} is not the name of a data set")
     dataset = Dataset(choice_of("dataset", name, options))
     dataset.data  # noqa: B018  # raise errors here, not at the first use
     return dataset
@@ -294,7 +362,8 @@ def read_samples(
 
     Args:
         file: CSV, Excel or Parquet file with the columns of `bench data validate`.
-        robot: measured robot: a shipped name or a `Robot`.
+        robot: measured robot: a shipped name or a `Robot`; with your own tool
+            ``load_robot("kr10-r1100-2", tcp=(0.0, 0.0, 0.1))``, m.
         no_torque: True if torques were not measured: their columns may be missing, or zero.
         sheet: sheet of an Excel file; None: the only sheet with a table.
         pose_tolerance: largest difference of joint positions within a pose, for rows without
@@ -302,8 +371,8 @@ def read_samples(
             give a warning.
 
     Raises:
-        ConfigError: the robot or the sheet is unknown, or `sheet` is missing for a file with
-            several tables.
+        ConfigError: `file` is not a path, the robot or the sheet is unknown, or `sheet` is
+            missing for a file with several tables.
         DataError: the file or a value cannot be read; the message names row and column.
     """
     dataset = Dataset.of_file(file, robot, FileOptions(no_torque, sheet, pose_tolerance))

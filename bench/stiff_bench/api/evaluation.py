@@ -23,7 +23,7 @@ from stiff_bench.results.results import Results
 from stiff_bench.run.cell import Execution
 from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.runner import chosen_execution, run_cells
-from stiff_bench.store.database import ResultStore, stored_statuses
+from stiff_bench.store.database import RUNS, ResultStore, stored_statuses
 from stiff_bench.tables.units import counted, first_few
 from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -179,7 +179,7 @@ def model_and_data(
 
 
 def evaluate(
-    models: str | type | Model | Sequence[str | type | Model],
+    models: str | type | object | Sequence[str | type | object],
     datasets: str | Dataset | Sequence[str | Dataset] = DEFAULT_DATASET,
     *,
     protocol: str | Sequence[str] = "holdout",
@@ -195,7 +195,8 @@ def evaluate(
 
     Args:
         models: models, such as vjm or ft-mlp@freeze=full, and all for every model; in Python also
-            models of `make_model` (each fit makes a new one) and classes. May be repeated.
+            models of `make_model`, classes, and objects of them or of scikit-learn, such as
+            `Ridge(alpha=0.1)` (each fit makes a new one). May be repeated.
         datasets: data sets, such as kr10-twin@specimen=3; in Python also data sets of
             `load_dataset` and `read_samples`. By default kr10-twin; may be repeated.
         protocol: protocol, such as kfold@folds=10; may be repeated.
@@ -379,6 +380,6 @@ def reproduction(name: str, *, output: Path, command: str, **how: Any) -> Reprod
     check_names(study)
     if how["jobs"] is None and not how["dask"] and how["isolate"] is not False:
         how["jobs"] = usable_cores()
-    plans = study.plans(registry(), output=output / study.name / "runs", command=command)
+    plans = study.plans(registry(), output=output / study.name / RUNS, command=command)
     execution = chosen_execution(plans[0], registry(), **how)
     return Reproduction(plans, execution, study, output)

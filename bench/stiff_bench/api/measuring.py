@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 import warnings
 from dataclasses import asdict
@@ -11,6 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from stiff_bench.analysis import pose_plans
+from stiff_bench.api.data_sets import path_of
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.robots import as_robot, payload_of, robot_words, shipped_name
 from stiff_bench.console import say
@@ -112,7 +114,8 @@ def plan_poses(
         with display():
             plan = pose_plans.next_plan(measured, how, workspace)
     write_plan(output, plan.plan, arm)
-    return Text(plan.report(output, arm, robot_words(arm), measured))
+    words = f"{robot_words(arm)} {shlex.join(options.words)}".rstrip()
+    return Text(plan.report(output, arm, words, measured))
 
 
 def validate(
@@ -140,10 +143,10 @@ def validate(
         A printable report; its `verdict` is "ok", "suspicious" or "invalid".
 
     Raises:
-        ConfigError: the robot's name is unknown.
+        ConfigError: `file` is not a path, or the robot's name is unknown.
     """
     options = FileOptions(no_torque, sheet, pose_tolerance)
-    return validation.validate(Path(file), as_robot(robot), options, _left_out_errors)
+    return validation.validate(path_of(file), as_robot(robot), options, _left_out_errors)
 
 
 def _left_out_errors(samples: Samples, robot: Robot) -> FloatArray:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import inspect
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of
+from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of, degrees_text, path_of
+from stiff_bench.api.robots import same_geometry
 from stiff_bench.console import say
 from stiff_bench.parameter_types import FilePath, Fraction
 from stiff_bench.plan.cells import check_model
@@ -118,19 +120,23 @@ class Model(ShownObject):
         self._has_warned = False
         return self
 
-    def predict(self, q: FloatArray | DataFrame, wrench: FloatArray | None = None) -> FloatArray:
+    def predict(
+        self, q: FloatArray | DataFrame | Dataset, wrench: FloatArray | None = None
+    ) -> FloatArray:
         """Return the (n, 3) deflections of the TCP, m, base frame.
 
         The first call with rows beyond the training range warns about them, with numbers. Use
         ``model.training_range.extrapolates(q, wrench)`` to check each row.
 
         Args:
-            q: (n, n_joints) joint positions, rad or m; or a DataFrame of poses and loads with the
-                columns of a file (deg, N, N m), which is checked like a file.
-            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame; None with a DataFrame.
+            q: (n, n_joints) joint positions, rad or m; or a data set of the model's robot; or a
+                DataFrame of poses and loads with the columns of a file (deg, N, N m), which is
+                checked like a file.
+            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame; None with a table.
 
         Raises:
             NotFittedError: `fit` was not called.
+            ConfigError: the wrench is missing, or given twice, or a data set is of another robot.
             DataError: a column is missing, or a value is not valid; rows count from 0.
             ModelError: the shapes do not match the robot.
         """
@@ -157,21 +163,39 @@ class Model(ShownObject):
             return frozen_array(predicted, "the prediction", (len(q), len(AXES)))
 
     def _loads(
-        self, q: FloatArray | DataFrame, wrench: FloatArray | None
+        self, q: FloatArray | DataFrame | Dataset, wrench: FloatArray | None
     ) -> tuple[FloatArray, FloatArray]:
         """Return (n, n_joints) joint positions and (n, 6) wrenches in SI units.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: the wrench is missing, or given twice.
+            ConfigError: the wrench is missing, or given twice, or a data set is of another robot.
             DataError: a column of a DataFrame is missing, or a value is not valid.
         """
         from pandas import DataFrame
 
         self.check_fitted()
+        if isinstance(q, Dataset):
+            if wrench is not None:
+                raise ConfigError("is in the data set already; leave it out", "wrench")
+            robot, fitted = q.robot, self.fitted.robot_
+            if not same_geometry(robot, fitted):
+                raise ConfigError(
+                    f"{q.name} is of {robot.summary}, TCP {robot.tcp_text}; {self.name} was fitted "
+                    f"to {fitted.summary}, TCP {fitted.tcp_text}"
+                )
+            return q.samples.q, q.samples.wrench
         if not isinstance(q, DataFrame):
             if wrench is None:
-                raise ConfigError("is missing; give (n, 6) N and N m, or a DataFrame", "wrench")
+                needed = (
+                    "is missing; give (n, 6) N and N m, or a Dataset or DataFrame in place of q"
+                )
+                raise ConfigError(needed, "wrench")
+            robot = self.fitted.robot_
+            if np.shape(q)[1:] == (robot.n_joints,) and (
+                in_degrees := degrees_text(np.asarray(q), robot)
+            ):
+                raise DataError(in_degrees)
             return q, wrench
         from stiff_datasets.measured.load_file import loads_of
 
@@ -184,7 +208,7 @@ class Model(ShownObject):
 
     def predict_interval(
         self,
-        q: FloatArray | DataFrame,
+        q: FloatArray | DataFrame | Dataset,
         wrench: FloatArray | None = None,
         coverage: float = 0.9,
     ) -> Interval:
@@ -196,8 +220,8 @@ class Model(ShownObject):
         wider (``model.training_range.widened``).
 
         Args:
-            q: (n, n_joints) joint positions, rad or m; or a DataFrame, see `predict`.
-            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame; None with a DataFrame.
+            q: (n, n_joints) joint positions, rad or m; or a table, see `predict`.
+            wrench: (n, 6) force [N] and torque [N m] at the TCP, base frame; None with a table.
             coverage: probability (0..1) on each axis.
 
         Raises:
@@ -522,25 +546,79 @@ class Model(ShownObject):
         return Screen(f"Model {self.name}, fitted", facts, headings, table.texts(), table.notes)
 
 
-def model_choice(model: str | type | Model, options: dict[str, Any]) -> Choice[ModelInfo]:
-    """Return the model and options for a name, a class or a model."""
+def model_choice(model: object, options: Mapping[str, Any]) -> Choice[ModelInfo]:
+    """Return the model and options for a name, a class, an object of a class or a model.
+
+    Raises:
+        ConfigError: it is not a model, or an option is unknown or wrong.
+    """
     if isinstance(model, Model):
+        if options:
+            raise ConfigError(f"{model.name} has its options; give its key with {[*options]}")
         choice = model.choice
     elif isinstance(model, str):
         choice = choice_of("model", model, options)
     else:
-        info = ModelInfo(key=model.__name__, target=model, summary="")
-        choice = Choice(info, model, dict(options), {})
+        is_class = isinstance(model, type)
+        cls = model if isinstance(model, type) else type(model)
+        options = dict(options) if is_class else {**_options_of_object(model), **options}
+        if cls.__module__.startswith("sklearn."):
+            from stiff_models.regressors.sklearn_model import key_of_class
+
+            choice = choice_of("model", key_of_class(cls), options)
+        else:
+            choice = Choice(_line_of(cls), cls, options, {})
     check_model(choice)
     return choice
 
 
-def make_model(model: str | type, **options: Any) -> Model:
+def _line_of(cls: type) -> ModelInfo:
+    """Return the catalogue line of a class, which is named as its class unless it has one."""
+    key = cls.__name__
+    if (info := registry().models.get(key)) is not None and info.load() is cls:
+        return info
+    if key in registry().origins:
+        raise ConfigError(f"{key!r} is the key of {registry().origins[key]}; rename the class")
+    return ModelInfo(key=key, target=cls, summary="")
+
+
+def _options_of_object(model: object) -> dict[str, Any]:
+    """Return the options of an object of a model's class that differ from their defaults.
+
+    Raises:
+        ConfigError: it is not a model, or its options cannot be read from it.
+    """
+    name = type(model).__name__
+    if not all(callable(getattr(model, method, None)) for method in ("fit", "predict")):
+        raise ConfigError(
+            f"{name} is not a model (valid: a name, a class with fit and predict, or its object)"
+        )
+    try:
+        parameters = inspect.signature(type(model)).parameters
+        if any(
+            part.kind in (part.VAR_POSITIONAL, part.VAR_KEYWORD) for part in parameters.values()
+        ):
+            raise TypeError("its constructor takes *args or **kwargs")
+        given = optional(model, "get_params")(deep=False)
+        return {
+            option: given[option]
+            for option, part in parameters.items()
+            if part.default is part.empty or bool(given[option] != part.default)
+        }
+    except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise ConfigError(
+            f"the options of this {name} cannot be read ({describe_error(error)}); give the class: "
+            f"make_model({name}, option=value), with numbers and texts as values"
+        ) from error
+
+
+def make_model(model: str | type | object, **options: Any) -> Model:
     """Return an unfitted model.
 
     Args:
         model: key, such as "ft-mlp" or "sklearn:ensemble.RandomForestRegressor", name with
-            options, such as "ft-mlp@freeze=full", or your own class with the model interface.
+            options, such as "ft-mlp@freeze=full", or your own class with the model interface, or
+            an object of it or of scikit-learn, whose options it gets.
         options: options of the model; `bench show NAME` lists them.
 
     Raises:
@@ -553,12 +631,13 @@ def load_model(file: Path | str) -> Model:
     """Read a fitted model written by `Model.save` or `bench fit`.
 
     Raises:
+        ConfigError: `file` is not a path.
         DataError: the file cannot be read or is corrupt; or it has a plugin's model, and
             `use_plugin` was not called or the plugin's code has changed.
     """
     from stiff_models.io.model_file import key_of, load
 
-    plugin_registry = registry()
+    file, plugin_registry = path_of(file), registry()
     plugins = {
         key: info.load()
         for key, info in plugin_registry.models.items()
@@ -570,7 +649,7 @@ def load_model(file: Path | str) -> Model:
         plugin_registry.model(keys[0] if keys else key_of(fitted))
     )
     model = Model(choice if keys else replace(choice, params=fitted.get_params(deep=False)))
-    model.fitted, model.file = fitted, Path(file)
+    model.fitted, model.file = fitted, file
     return model
 
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from stiff_bench.console import say
+from stiff_datasets.measured.card_text import tcp_option
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.shipped_robots import named_robot, shipped_robots
 from stiff_protocols.contract.types import Robot
+
+_URDF_WORDS: WeakKeyDictionary[Robot, str] = WeakKeyDictionary()
+"""Robot that was read from a URDF -> the command line options that read it again."""
 
 
 def load_robot(name: str = DEFAULT_ROBOT, *, tcp: Sequence[float] | None = None) -> Robot:
@@ -46,6 +52,9 @@ def read_robot(
     chain = read_chain(Path(urdf), tcp=(0.0, 0.0, 0.0) if tcp is None else tcp, tip=tip)
     for note in chain.notes:
         say(f"note: {note}")
+    words = ["--urdf", str(urdf), *(["--tip", tip] if tip is not None else [])]
+    tool = "" if tcp is None else f" {tcp_option(tcp)}"
+    _URDF_WORDS[chain.robot] = f" {shlex.join(words)}{tool}"
     return chain.robot
 
 
@@ -68,6 +77,14 @@ def shipped_name(robot: Robot) -> str:
     return ""
 
 
+def same_geometry(robot: Robot, model_robot: Robot) -> bool:
+    """Return whether two robots have the same joints, links and TCP."""
+    return robot.joint_types == model_robot.joint_types and all(
+        np.allclose(getattr(robot, name), getattr(model_robot, name), atol=1e-9)
+        for name in ("placements", "axes", "tcp")
+    )
+
+
 def payload_of(robot: Robot) -> float | None:
     """Return the rated payload of a robot, kg; None: unknown."""
     name = shipped_name(robot)
@@ -76,9 +93,11 @@ def payload_of(robot: Robot) -> float | None:
 
 def robot_words(robot: Robot) -> str:
     """Return the command line options that name a robot, after a space."""
+    if robot in _URDF_WORDS:
+        return _URDF_WORDS[robot]
     if not (name := shipped_name(robot)):
         return " with the same --urdf, --tip and --tcp"
     tcp = robot.tcp_on_flange
-    tool = f" --tcp {','.join(f'{number:g}' for number in tcp)}"
+    tool = f" {tcp_option(tcp)}"
     words = "" if name == DEFAULT_ROBOT else f" --robot {name}"
     return words if np.allclose(tcp, named_robot(name).tcp, atol=1e-9) else words + tool

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -177,7 +178,8 @@ def add_submission(
     if problems := wrong_files(folder, submission.manifest):
         raise ConfigError(f"{folder}: {first_few(problems)}")
     if read_verification(folder) is None:
-        raise ConfigError(f"{folder}: not verified: run `bench verify {folder} --write` first")
+        command = shlex.join(["bench", "verify", str(folder), "--write"])
+        raise ConfigError(f"{folder}: not verified: run `{command}` first")
     baseline = {
         place_of(result.cell, result.presentation): result
         for result in read_results(results)
@@ -194,7 +196,7 @@ def add_submission(
     for run_id in {fit.run_id for fit in fits}:
         keys = tuple(fit.cell.key for fit in fits if fit.run_id == run_id)
         environment = next(fit.environment for fit in submission.records if fit.run_id == run_id)
-        command = f"bench results add {folder}"
+        command = shlex.join(["bench", "results", "add", str(folder)])
         store.write_manifest(
             RunManifest(run_id, command, submission.manifest.created, "finished", environment, keys)
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -169,13 +170,13 @@ class LeaderboardSite:
         picture = partial(
             robot_picture.robot_picture, dataset.samples, dataset.robot, name, info.kind
         )
-        command = f"bench figure robot --dataset {name}"
+        command = shlex.join(["bench", "figure", "robot", "--dataset", name])
         title = "Models on this data set, smallest ratio first"
         frame = self.errors[self.errors["data set"] == name]
         links = [
             Link(file.name, f"{FILES}/{files.name}/{file.name}") for file in sorted(files.iterdir())
         ]
-        export = f"bench data export {name} --output {file_stem(name)}"
+        export = shlex.join(["bench", "data", "export", name, "--output", file_stem(name)])
         caveats = [("caveat", caveat) for caveat in info.caveats]
         return Section(
             name,

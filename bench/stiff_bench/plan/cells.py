@@ -43,7 +43,12 @@ from stiff_protocols.contract.record import (
     Presentation,
 )
 from stiff_protocols.contract.source_code import code_of
-from stiff_protocols.contract.stiffness_model import StiffnessModel, offers, optional
+from stiff_protocols.contract.stiffness_model import (
+    StiffnessModel,
+    interface_fault,
+    offers,
+    optional,
+)
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Split, check_coverage
 from stiff_protocols.scoring.metrics import Metric, metric
 from stiff_protocols.splits.checks import check_source, first_fault
@@ -234,7 +239,9 @@ def check_model(choice: Choice[ModelInfo]) -> None:
     Raises:
         ConfigError: it cannot, or an option's value is wrong.
     """
-    model = _made(choice, "fit", "predict")
+    model = choice.make()
+    if fault := interface_fault(model):
+        raise ConfigError(f"{choice.info.key!r} {fault}")
     if not choice.missing():
         optional(model, "check_params")()
 

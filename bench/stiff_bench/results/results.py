@@ -30,8 +30,8 @@ from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
 from stiff_bench.results.summary import summarize, task_headline, task_title
 from stiff_bench.tables.units import MM, PRINTED, first_few
-from stiff_bench.tables.writers import Tables
-from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
+from stiff_bench.tables.writers import Tables, Text
+from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StiffBenchWarning
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import METRICS, metric
@@ -297,12 +297,18 @@ class Results:
         return chosen
 
     def __repr__(self) -> str:
-        """Return the result for a screen, with its first table."""
-        summary = self.summary()
+        """Return the result for a screen, with its first table; or why there are no results."""
+        try:
+            summary = self.summary()
+        except StiffBenchError as error:
+            return f"Results without numbers: {error}"
         return repr(replace(summary, tables=summary.tables[:1]))
 
     def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
+        try:
+            return self.summary()._repr_html_()
+        except StiffBenchError:
+            return Text(repr(self))._repr_html_()
 
 
 def open_results(folder: Path | str) -> Results:

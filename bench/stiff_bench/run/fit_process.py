@@ -176,6 +176,7 @@ def _set_up_server() -> None:
             shutil.rmtree(folder, ignore_errors=True)
         os._exit(0)
 
+    os.setpgid(0, 0)  # a model that kills its parent's process group leaves the run alive
     _prctl(_ADOPT_ORPHANS, 1)
     _prctl(_SIGNAL_AT_END_OF_PARENT, signal.SIGTERM)
     signal.signal(signal.SIGTERM, end)

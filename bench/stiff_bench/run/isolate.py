@@ -44,8 +44,11 @@ from stiff_protocols.contract.errors import describe_error
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.progress import Progress
 from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.source_code import is_script_file
 
 SECONDS_BETWEEN_LOOKS = 0.1
+SERVER_ENDED = "server ended"
+"""Cause of a fit whose server was killed, by this fit, by another one, or by the system."""
 SECONDS_TO_HEAR = 5.0
 """Time that the result of an ended process may take to arrive."""
 LOG_LINES, LONGEST_LINE = 30, 500
@@ -54,9 +57,13 @@ LARGEST_LOG = 2**22
 _NOISE = ("Extension modules:", "/multiprocessing/", 'File "<string>"', "/stiff_bench/", "/pebble/")
 """Parts of faulthandler's lines that do not concern the model."""
 _OURS = ("stiff_models.", "stiff_protocols.")
+_SERVER_GONE = (EOFError, ConnectionError)
+"""Errors of a start whose server has ended a moment ago."""
 _NOT_STARTED = (OSError, pickle.PicklingError, AttributeError, TypeError)
 """Errors of the system, and of what cannot be sent to a process."""
 TIMED_OUT, OUT_OF_MEMORY, NO_OUTCOME = "timed out", "out of memory", "no outcome"
+_WITHOUT_SERVER = (NO_OUTCOME, "SIGKILL", "exit status 255")
+"""Causes of fits whose server has ended: they are killed, and nobody knows their status."""
 
 
 def work_of(task: CellTask, given: FitInput, limits: Limits) -> Work:
@@ -90,6 +97,9 @@ class RunningFit:
         self._family: set[psutil.Process] = set()
         self._too_much = 0
         self._report = b""
+        main = vars(sys.modules["__main__"])
+        if not is_script_file(main.get("__file__")):
+            main.pop("__file__", None)  # "<stdin>": multiprocessing would run this file again
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["stiff_bench.run.fit_process", "pebble", *work.imports])
         start = concurrent.process(  # type: ignore[call-overload]  # pebble's type hints have mp_context
@@ -97,6 +107,7 @@ class RunningFit:
         )
         try:
             self.future: ProcessFuture[FitOutcome] = start(compute_fit)(work, self._folder)
+            self._servers = _servers()
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
@@ -112,6 +123,9 @@ class RunningFit:
         if not self.future.done() and not self._is_lost(listener):
             return None
         outcome = self._ended()
+        if outcome.cause in _WITHOUT_SERVER and not any(map(_runs, self._servers)):
+            reason = f"{outcome.failure}; the server of the fits' processes had been killed"
+            outcome = replace(outcome, failure=reason, cause=SERVER_ENDED)
         if outcome.fitted is None:
             outcome = replace(outcome, log=self._last_lines())
         self.end()
@@ -215,10 +229,26 @@ def _expired(exit_code: int, seconds: float) -> FitOutcome:
 
 def end_all_fits() -> None:
     """Kill all children of the server that forks the fits' processes."""
-    for server in psutil.Process().children():
+    for server in _servers():
         with suppress(psutil.Error):
-            if any(SERVER in word for word in server.cmdline()):
-                _kill(server.children(recursive=True))
+            _kill(server.children(recursive=True))
+
+
+def _servers() -> list[psutil.Process]:
+    """Return the running servers of this process: one, or none."""
+    servers = []
+    for process in psutil.Process().children():
+        with suppress(psutil.Error):
+            if any(SERVER in word for word in process.cmdline()):
+                servers.append(process)
+    return servers
+
+
+def _runs(process: psutil.Process) -> bool:
+    """Check whether a process runs; one that has ended may still have an entry."""
+    with suppress(psutil.Error):
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    return False
 
 
 @dataclass(eq=False, kw_only=True)
@@ -234,17 +264,37 @@ class LocalProcesses(Execution):
     def results(
         self, tasks: Iterable[CellTask], run_id: str, display: Display
     ) -> Generator[CellResult, None, None]:
-        """Yield the result of every cell as it ends."""
-        waiting = iter(tasks)
+        """Yield the result of every cell as it ends.
+
+        A fit whose server ended is computed once more, without neighbours.
+        """
+        waiting, repeated = iter(tasks), list[CellTask]()
         running: dict[RunningFit, tuple[CellTask, FitInput]] = {}
+        is_alone = False
         try:
             while True:
-                while len(running) < self.at_once and (task := next(waiting, None)) is not None:
-                    display.start(task)
+                while len(running) < self.at_once and not is_alone and not (repeated and running):
+                    if is_alone := bool(repeated):
+                        task = repeated.pop(0)
+                    elif (following := next(waiting, None)) is not None:
+                        task = following
+                    else:
+                        break
+                    if not is_alone:  # a repetition has been shown
+                        display.start(task)
                     given = fit_input(task)
                     try:
                         running[RunningFit(work_of(task, given, self.limits))] = task, given
+                    except _SERVER_GONE as error:
+                        if not is_alone:
+                            repeated.append(task)
+                            continue
+                        is_alone = False
+                        reason = f"its server ended: {describe_error(error)}"
+                        outcome = FitOutcome(failure=reason, cause=SERVER_ENDED)
+                        yield score(task, given, run_id, outcome)
                     except _NOT_STARTED as error:
+                        is_alone = False
                         reason = f"no process could be started: {describe_error(error)}"
                         outcome = FitOutcome(failure=reason, cause=type(error).__name__)
                         yield score(task, given, run_id, outcome)
@@ -255,6 +305,10 @@ class LocalProcesses(Execution):
                 for fit, (task, given) in list(running.items()):
                     if (result := fit.outcome(display.step)) is not None:
                         del running[fit]
+                        if result.cause == SERVER_ENDED and not is_alone:
+                            repeated.append(task)
+                            continue
+                        is_alone = False
                         yield score(task, given, run_id, result)
         finally:
             for fit in running:

@@ -11,6 +11,9 @@ Numbers are in SI units at full precision. What has no fixed shape is strict JSO
 transaction; of a cell there is one row. A failure does not replace a result: a cell has one key for
 all that shapes its numbers, so a rerun that timed out takes nothing away. Each row of a cell has
 the SHA-256 of its content, checked when it is read.
+
+A third-party file holds these three tables and nothing that SQLite would execute.
+Types, shapes and sizes of its rows are checked when they are read.
 """
 
 from __future__ import annotations
@@ -21,18 +24,19 @@ import json
 import lzma
 import math
 import os
-import shutil
 import sqlite3
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from typing import Annotated, Any, get_type_hints
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import orjson
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
 from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.errors import DataError, StoreError
@@ -50,6 +54,8 @@ from stiff_protocols.contract.types import (
 )
 
 FILE = "results.sqlite"
+RUNS = "runs"
+"""Folder of the results inside the folder of a study."""
 PACKED = f"{FILE}.xz"
 """The same file as a repository keeps it, a quarter of the size: the first reader unpacks it."""
 FORMAT = 5
@@ -78,6 +84,13 @@ _COLUMN_TYPES = dict.fromkeys(_COLUMNS, "TEXT") | {
 }
 """Column of a cell -> SQLite's type, in the order of the table; its checksum follows."""
 
+_LEAST_UNPACKED, _MOST_PACKED = 2**28, 50
+"""Bytes that a packed file of any size may unpack to, and the largest factor of a larger one."""
+_SPARE = 2**26
+"""Bytes of a row or a query beyond the size of the file."""
+_SUPER_JOURNAL = bytes.fromhex("d9d505f920a163d7")
+"""End of a journal that names a file for SQLite to delete; a transaction of ours never has one."""
+
 _CURVE = "curve "
 """How the names of the arrays of training curves begin."""
 _FLOAT = np.dtype("<f8")
@@ -98,6 +111,44 @@ def _corrupt(path: Path, reason: str, remedy: str = "") -> StoreError:
     """Return the error for a corrupt file or row."""
     remedy = remedy or "delete the file and repeat the `bench run` that made it"
     return StoreError(f"{path}: corrupt: {reason}; {remedy}")
+
+
+_Count = Annotated[int, Field(ge=0)]
+_Amount = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+_Option = str | int | float | bool | None
+_STORED_TYPES: dict[Any, Any] = {int: _Count, Any: _Option}
+"""Type of a field -> type in the file, where that is narrower."""
+
+
+def _stored_record(owner: type, names: Iterable[str]) -> type[BaseModel]:
+    """Return what the file holds of these fields of a record; each may be left out."""
+    hints = get_type_hints(owner)
+    given: dict[str, Any] = {
+        name: (_STORED_TYPES.get(hints[name], hints[name]), None) for name in names
+    }
+    return create_model("Stored", __config__=ConfigDict(extra="forbid"), **given)
+
+
+def _stored_columns() -> dict[str, Any]:
+    """Return the type of each column of a cell after its JSON is read."""
+    columns: dict[str, Any] = dict.fromkeys(("key", *_NAMES, *_KEYS), str)
+    for owner, names in ((Cell, _OF_CELL), (CellResult, _OF_RESULT)):
+        hints = get_type_hints(owner)
+        columns |= {name: _STORED_TYPES.get(hints[name], hints[name]) for name in names}
+    columns |= dict.fromkeys(Cost._fields, _Amount | None) | {"memory_bytes": _Count | None}
+    columns |= dict.fromkeys([name for name in _JSON if name not in _ABOUT], dict[str, _Option])
+    return columns | {
+        "coverage": Annotated[float, Field(gt=0.0, lt=1.0)] | None,
+        "shown": _stored_record(Presentation, _PRESENTATION_FIELDS),
+        "about": _stored_record(CellResult, _ABOUT),
+        "arrays": dict[str, list[_Count]],
+        "numbers": bytes,
+    }
+
+
+_CELL_FIELDS: dict[str, Any] = {name: (kind, ...) for name, kind in _stored_columns().items()}
+_STORED_CELL = create_model("StoredCell", **_CELL_FIELDS)
+_STORED_RUN = TypeAdapter(RunManifest)
 
 
 class ResultStore:
@@ -155,22 +206,36 @@ def has_results(folder: Path) -> bool:
     """Check for a file of results; a packed file is unpacked into the same folder.
 
     Raises:
-        StoreError: the packed file is corrupt, or the folder cannot be written.
+        StoreError: the packed file is corrupt or unpacks to too much, or the folder cannot be
+            written.
     """
     path, packed = folder / FILE, folder / PACKED
     if path.exists() or not packed.exists():
         return path.exists()
+    if not packed.is_file():  # a pipe would be waited for
+        raise _corrupt(packed, "not a file")
     with sqlite_errors_as_store_error(path, "written"), written_whole(path) as temporary:
         try:
             with lzma.open(packed) as content, temporary.open("wb") as file:
-                shutil.copyfileobj(content, file)
-        except (lzma.LZMAError, EOFError) as error:
+                most = _most_unpacked(packed.stat().st_size)
+                while chunk := content.read(2**20):
+                    if file.tell() + len(chunk) > most:
+                        raise _corrupt(packed, f"unpacks to more than {most} bytes")
+                    file.write(chunk)
+        except (lzma.LZMAError, EOFError, MemoryError) as error:
             raise _corrupt(packed, str(error)) from error
     return True
 
 
+def _most_unpacked(size: int) -> int:
+    """Return the most bytes that packed content of this size may unpack to."""
+    return max(_LEAST_UNPACKED, _MOST_PACKED * size)
+
+
 def why_no_results(folder: Path) -> str:
     """Return the reason why a folder has no results to read."""
+    if (folder / RUNS).is_dir():
+        return f"no results in this folder of a study; give {folder / RUNS}"
     if folder.is_dir():
         return "no results in this folder"
     return "is a file, not a folder of results" if folder.exists() else "no such folder"
@@ -188,16 +253,37 @@ def read_results(folder: Path, keys: Collection[str] | None = None) -> list[Cell
     """
     where = "" if keys is None else "WHERE key IN (SELECT value FROM json_each(?))"
     values = [] if keys is None else [orjson.dumps([*keys]).decode()]
-    with reading(folder) as db:
-        rows = db.execute(f"SELECT * FROM cell {where} ORDER BY key", values).fetchall()
+    rows = stored_rows(folder, f"SELECT * FROM cell {where} ORDER BY key", values)
     results = []
     for row in rows:
         try:
             results.append(_read_row(row))
         except DataError as error:
             remedy = _rerun(folder, row[0])
-            raise _corrupt(folder / FILE, f"cell {row[0]}: {error}", remedy) from error
+            raise _corrupt(folder / FILE, f"cell {_short_name(row[0])}: {error}", remedy) from error
     return results
+
+
+def stored_rows(folder: Path, query: str, values: Sequence[str] = ()) -> list[tuple[Any, ...]]:
+    """Return the rows of a query of a folder's file.
+
+    Raises:
+        StoreError: the file is corrupt, of another format, or cannot be read.
+    """
+    rows, size = [], 0
+    with reading(folder) as db:
+        most = db.getlimit(sqlite3.SQLITE_LIMIT_LENGTH)
+        for row in db.execute(query, values):
+            size += sum(len(value) for value in row if isinstance(value, str | bytes))
+            if size > most:  # rows of a crafted file share their pages
+                raise _corrupt(folder / FILE, "its rows are larger than the file")
+            rows.append(row)
+    return rows
+
+
+def _short_name(name: object) -> str:
+    """Return the first characters of a row's name."""
+    return f"{name}"[:40]
 
 
 def _rerun(folder: Path, key: str) -> str:
@@ -221,24 +307,31 @@ def mean_seconds(folder: Path) -> dict[str, float]:
 
 def read_manifests(folder: Path) -> list[RunManifest]:
     """Return every run's manifest of a folder, in the order of their names."""
-    with reading(folder) as db:
-        rows = db.execute(f"SELECT {', '.join(_RUN)} FROM run ORDER BY run_id").fetchall()
+    rows = stored_rows(folder, f"SELECT {', '.join(_RUN)} FROM run ORDER BY run_id")
     manifests = []
     for row in rows:
         run = dict(zip(_RUN, row, strict=True))
         try:
             run |= {name: orjson.loads(run[name]) for name in _RUN_JSON}
-        except ValueError as error:
-            raise _corrupt(folder / FILE, f"run {row[0]}: {error}") from error
-        manifests.append(RunManifest(**{**run, "cells": tuple(run["cells"])}))
+            manifests.append(_STORED_RUN.validate_python(run))
+        except (ValueError, TypeError) as error:
+            raise _corrupt(folder / FILE, f"run {_short_name(row[0])}: {_reason(error)}") from error
     return manifests
+
+
+def _reason(error: Exception) -> str:
+    """Return which value of a row is wrong, in one line."""
+    if isinstance(error, ValidationError):
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        return f"{_short_name('.'.join(map(str, first['loc'])))}: {first['msg']}"
+    return str(error)
 
 
 def read_data(folder: Path, sha256: str) -> StoredData:
     """Read the data set with this hash that results of a folder belong to.
 
     Raises:
-        StoreError: there is none, or it is corrupt.
+        StoreError: there is none, it is corrupt, or a cell has rows that it does not have.
     """
     query = "SELECT content, content_sha256 FROM data WHERE sha256 = ?"
     with reading(folder) as db:
@@ -248,9 +341,17 @@ def read_data(folder: Path, sha256: str) -> StoredData:
     try:
         if hashlib.sha256(row[0]).hexdigest() != row[1]:
             raise DataError("its checksum does not match its content")
-        return stored_data(row[0])
-    except (DataError, TypeError) as error:
-        raise _corrupt(folder / FILE, f"data set {sha256}: {error}") from error
+        data = stored_data(row[0])
+        query = "SELECT key, arrays, numbers FROM cell WHERE data_sha256 = ?"
+        for key, shapes, numbers in stored_rows(folder, query, [sha256]):
+            rows = _arrays_in(orjson.loads(shapes), numbers).get("rows")
+            if rows is not None and rows.max() >= len(data.samples):
+                raise DataError(
+                    f"cell {_short_name(key)} has row {rows.max():.0f} of {len(data.samples)} rows"
+                )
+        return data
+    except (DataError, TypeError, ValueError) as error:
+        raise _corrupt(folder / FILE, f"data set {_short_name(sha256)}: {error}") from error
 
 
 @contextmanager
@@ -265,8 +366,11 @@ def reading(folder: Path) -> Iterator[sqlite3.Connection]:
         if has_results(folder):
             db = sqlite3.connect(_file_uri(path), uri=True, timeout=BUSY_S, isolation_level=None)
             stack.enter_context(closing(db)).execute("BEGIN")  # what is read is of one moment
+            db.execute("PRAGMA query_only = ON")
             if _has_tables(db):
                 _check_format(path, db)
+                most = min(path.stat().st_size + _SPARE, 2**31 - 1)
+                db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, most)
                 yield db
                 return
         with closing(sqlite3.connect(":memory:")) as db:
@@ -286,6 +390,7 @@ def writing(folder: Path) -> Iterator[sqlite3.Connection]:
     path = folder / FILE
     has_results(folder)  # what is packed is not lost
     with sqlite_errors_as_store_error(path, "written"):
+        _check_journal(path)
         uri = f"{path.resolve().as_uri()}?mode=rwc"
         with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)) as db:
             db.execute(f"PRAGMA synchronous = {SYNCHRONOUS}")
@@ -321,15 +426,48 @@ def write_run(db: sqlite3.Connection, manifest: RunManifest) -> None:
 
 
 def _file_uri(path: Path) -> str:
-    """Return how SQLite opens a file to read it.
+    """Return how SQLite opens a file to read it: read-only.
 
-    It may write where it can: what a command that was killed left half-written is taken back.
+    What a command that was killed left half-written is taken back, which needs a writable file.
+
+    Raises:
+        StoreError: the journal of such a command is corrupt.
     """
-    mode = "rw" if os.access(path, os.W_OK) and os.access(path.parent, os.W_OK) else "ro"
-    return f"{path.resolve().as_uri()}?mode={mode}"
+    has_journal = _check_journal(path)
+    writable = has_journal and os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
+    return f"{path.resolve().as_uri()}?mode={'rw' if writable else 'ro'}"
+
+
+def _check_journal(path: Path) -> bool:
+    """Return whether a file has a journal of a transaction that has not ended.
+
+    Raises:
+        StoreError: the journal names another file, which SQLite would delete.
+    """
+    journal = path.with_name(f"{path.name}-journal")
+    if not journal.exists():
+        return False
+    with journal.open("rb") as file:
+        file.seek(max(0, journal.stat().st_size - len(_SUPER_JOURNAL)))
+        if file.read() == _SUPER_JOURNAL:
+            raise _corrupt(journal, "it names another file")
+    return True
+
+
+@cache
+def _schema_objects() -> frozenset[tuple[str, ...]]:
+    with closing(sqlite3.connect(":memory:")) as db:
+        _execute_each(db, _SCHEMA)
+        return _objects_in(db)
+
+
+def _objects_in(db: sqlite3.Connection) -> frozenset[tuple[str, ...]]:
+    """Return type, name, table and statement of everything in a file but its rows."""
+    return frozenset(db.execute("SELECT type, name, tbl_name, sql FROM sqlite_schema"))
 
 
 def _check_format(path: Path, db: sqlite3.Connection) -> None:
+    db.execute("PRAGMA trusted_schema = OFF")
     (file_format,) = db.execute("PRAGMA user_version").fetchone()
     if file_format > FORMAT:
         raise StoreError(
@@ -340,6 +478,10 @@ def _check_format(path: Path, db: sqlite3.Connection) -> None:
             f"{path}: stored format {file_format}, this stiffbench reads {FORMAT}; give a new "
             "folder and run again"
         )
+    if difference := _objects_in(db) ^ _schema_objects():
+        kind, name, *_ = max(difference, key=str)  # a view or a trigger first
+        reason = f"{kind} {_short_name(name)!r} is not what `bench run` makes"
+        raise _corrupt(path, reason, "drop what was added to the file, or repeat the run")
 
 
 @contextmanager
@@ -395,17 +537,32 @@ def _as_stored(value: Any, kind: str) -> Any:
 
 
 def _cell_result(row: Mapping[str, Any]) -> CellResult:
-    """Return the result that was stored as this row."""
+    """Return the result that was stored as this row.
+
+    Raises:
+        DataError: a part of it has another name or shape, or numbers are missing.
+        ValueError, TypeError: a value has another type or is out of range.
+    """
     row = {**row, **{name: orjson.loads(row[name]) for name in _JSON}}
-    about, labels, arrays = row["about"], row["shown"], _arrays_in(row["arrays"], row["numbers"])
-    about["diagnostics"] = {name: float(value) for name, value in about["diagnostics"].items()}
-    about |= {name: tuple(about[name]) for name in ("warnings", "log")}
-    labels["caveats"] = tuple(labels["caveats"])
+    row = vars(_STORED_CELL.model_validate(row))
+    about, labels = (
+        {name: getattr(row[part], name) for name in row[part].model_fields_set}
+        for part in ("about", "shown")
+    )
+    arrays = _arrays_in(row["arrays"], row["numbers"])
     cost = [row[name] for name in Cost._fields]
+    if (row["status"] == "ok") is not ("rows" in arrays):
+        raise DataError(f"status {row['status']!r} with arrays {', '.join(arrays) or 'none'}")
+    if cost[0] is not None and None in cost[:-1]:
+        raise DataError(f"{Cost._fields[cost.index(None)]} is missing")
     curves = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_CURVE)}
-    keys = {name: row[f"{name}_key"] for name in _NAMES}
+    cell = Cell(
+        **{name: row[f"{name}_key"] for name in _NAMES}, **{name: row[name] for name in _OF_CELL}
+    )
+    if cell.key != row["key"]:
+        raise DataError(f"it is of the cell {cell.key}")
     return CellResult(
-        cell=Cell(**keys, **{name: row[name] for name in _OF_CELL}),
+        cell=cell,
         presentation=Presentation(**{name: row[name] for name in _NAMES}, **labels),
         **{name: row[name] for name in _OF_RESULT},
         **about,
@@ -429,15 +586,45 @@ def _arrays(result: CellResult) -> dict[str, FloatArray]:
 
 
 def _arrays_in(shapes: Mapping[str, Sequence[int]], numbers: bytes) -> dict[str, FloatArray]:
-    arrays, start = {}, 0
+    """Return the arrays of a cell; only curves may hold numbers that are not finite.
+
+    Raises:
+        DataError: a name, a shape or a number is wrong.
+        TypeError, ValueError: they have more numbers, or a part of one.
+    """
+    arrays, start = dict[str, FloatArray](), 0
+    all_finite = not numbers or bool(np.isfinite(np.frombuffer(numbers, _FLOAT)).all())
     for name, shape in shapes.items():
+        is_curve = name.startswith(_CURVE)
+        n_rows = shape[0] if is_curve and shape else shapes.get("rows", [0])[0]
+        expected = [n_rows] if name == "rows" else [n_rows, 3]
+        if not is_curve and (name not in _ARRAYS or n_rows == 0):
+            raise DataError(f"array {_short_name(name)!r} of {n_rows} rows")
+        if shape != expected:
+            raise DataError(f"{_short_name(name)} has shape {shape}, expected {expected}")
         arrays[name] = np.ndarray(shape, _FLOAT, numbers, start)
         start += arrays[name].nbytes
+        if not all_finite and not is_curve and not np.isfinite(arrays[name]).all():
+            raise DataError(f"{name} holds numbers that are not finite")
+    if start != len(numbers):
+        raise DataError(f"{len(numbers)} bytes of numbers, expected {start}")
+    if arrays.keys() & _PARTS and not arrays.keys() >= _PARTS:
+        raise DataError(f"no array {min(_PARTS - arrays.keys())!r}")
+    rows = arrays.get("rows")
+    if rows is not None and not ((rows >= 0.0) & (rows < 2**53) & (rows % 1.0 == 0.0)).all():
+        raise DataError("rows holds numbers that are not row numbers")
     return arrays
+
+
+_PARTS = {"rows", "predicted", "measured"}
+"""Arrays of every prediction."""
+_ARRAYS = {*_PARTS, "reference", "lower", "upper", *BOUND_NAMES, *TRUTHS}
 
 
 def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Prediction:
     interval = None
+    if (coverage is not None and "lower" in arrays) != ({"lower", "upper"} <= arrays.keys()):
+        raise DataError("intervals without coverage or without a bound")
     if "lower" in arrays and coverage is not None:
         interval = Interval(arrays["lower"], arrays["upper"], coverage)
     return Prediction.of_stored(
@@ -472,9 +659,9 @@ def _read_row(values: Sequence[Any]) -> CellResult:
     try:
         if _checksum(content) != sha256:
             raise DataError("its checksum does not match its content")
-    except TypeError as error:  # bytes for a text
-        raise DataError(str(error)) from error
-    return _cell_result(dict(zip(_COLUMN_TYPES, content, strict=True)))
+        return _cell_result(dict(zip(_COLUMN_TYPES, content, strict=True)))
+    except (TypeError, ValueError) as error:
+        raise DataError(_reason(error)) from error
 
 
 def _checksum(values: Sequence[Any]) -> str:
@@ -506,6 +693,13 @@ def data_content(data: BenchmarkData) -> bytes:
     return file.getvalue()
 
 
+_UNREADABLE = (
+    *(ArithmeticError, AttributeError, EOFError, IndexError, MemoryError, NotImplementedError),
+    *(RuntimeError, TypeError, ValueError, KeyError, zlib.error, BadZipFile),
+)
+"""Errors of NumPy, zipfile and our own types for content that is no data set."""
+
+
 def stored_data(content: bytes) -> StoredData:
     """Return the data set whose content this is.
 
@@ -513,13 +707,17 @@ def stored_data(content: bytes) -> StoredData:
         DataError: it is none.
     """
     try:
+        with ZipFile(io.BytesIO(content)) as archive:
+            size = sum(part.file_size for part in archive.infolist())
+        if size > _most_unpacked(len(content)):
+            raise DataError(f"{len(content)} bytes unpack to {size} bytes")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             samples = Samples(**{item.name: arrays[item.name] for item in fields(Samples)})
             of_robot: dict[str, Any] = {
                 name: arrays[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS
             }
-    except (ValueError, KeyError, EOFError, MemoryError, zlib.error, BadZipFile) as error:
+        of_robot["name"] = str(of_robot["name"])
+        joints = {name: tuple(of_robot[name].tolist()) for name in ("joint_names", "joint_types")}
+        return StoredData(samples, Robot(**(of_robot | joints)))
+    except _UNREADABLE as error:
         raise DataError(str(error)) from error
-    of_robot["name"] = str(of_robot["name"])
-    of_robot |= {name: tuple(of_robot[name].tolist()) for name in ("joint_names", "joint_types")}
-    return StoredData(samples, Robot(**of_robot))

@@ -15,7 +15,7 @@ from stiff_bench.store.database import (
     has_results,
     read_manifests,
     read_results,
-    reading,
+    stored_rows,
     why_no_results,
     write_row,
     write_run,
@@ -106,8 +106,7 @@ def merge_fits(
             taken[folder] = (len(results), len(new))
             needed = {result.cell.data_sha256 for result in results}
             needed |= {result.cell.source_sha256 for result in results}
-            with reading(folder) as source:
-                data = source.execute("SELECT * FROM data").fetchall()
+            data = stored_rows(folder, "SELECT * FROM data")
             data = [row for row in data if keys is None or row[0] in needed]
             db.executemany("INSERT OR IGNORE INTO data VALUES (?, ?, ?)", data)
             run_ids = {result.run_id for result in results}

@@ -91,12 +91,16 @@ def _columns(table: Table, fmt: str, escape: Callable[[str], str]) -> str:
     )
 
 
-_MARKDOWN_SIGNS = re.compile(r"<(?=[A-Za-z/!?])|(?<=\])\(")
+_MARKDOWN_SIGNS = re.compile(r"(\\*)(<(?=[A-Za-z/!?])|(?<=\])\()")
+_BAR = re.compile(r"(\\*)\|")
 
 
 def markdown_text(text: str) -> str:
-    """Return a text in one line; signs that begin HTML, a link or a picture are escaped."""
-    return _MARKDOWN_SIGNS.sub(r"\\\g<0>", one_line(text))
+    """Return a text in one line; signs that begin HTML, a link or a picture are escaped.
+
+    A backslash before such a sign is escaped, too: it would escape ours.
+    """
+    return _MARKDOWN_SIGNS.sub(r"\1\1\\\2", one_line(text))
 
 
 def markdown_code(text: str) -> str:
@@ -105,7 +109,7 @@ def markdown_code(text: str) -> str:
 
 
 def _github(table: Table, command: str) -> str:
-    body = _columns(table, "github", lambda cell: markdown_text(cell).replace("|", r"\|"))
+    body = _columns(table, "github", lambda cell: _BAR.sub(r"\1\1\\|", markdown_text(cell)))
     notes = [*map(markdown_text, table.notes)]
     notes += [f"made by: {markdown_code(command)}"] if command else []
     listed = [f"- {note}" for note in notes]
@@ -134,9 +138,23 @@ _LATEX_ESCAPES = str.maketrans(
 
 def latex_text(text: str) -> str:
     """Escape a text for LaTeX; text between backticks becomes code."""
-    escaped = one_line(text).translate(_LATEX_ESCAPES)
-    escaped = re.sub(r"10\\textasciicircum\{\}(\d+)", r"$10^{\1}$", escaped)
-    return re.sub(r"`([^`]+)`", r"\\texttt{\1}", escaped)
+    parts = re.split(r"`([^`]+)`", one_line(text))
+    parts[1::2] = map(_latex_code, parts[1::2])
+    parts[::2] = map(_latex_words, parts[::2])
+    return "".join(parts)
+
+
+def _latex_code(code: str) -> str:
+    return rf"\texttt{{{_latex_escaped(code)}}}"
+
+
+def _latex_words(words: str) -> str:
+    escaped = re.sub(r"10\\textasciicircum\{\}(\d+)", r"$10^{\1}$", _latex_escaped(words))
+    return re.sub(r"(?<![\w.)-])-(?=\d|\.\d)", "$-$", escaped)  # a minus sign, not a hyphen
+
+
+def _latex_escaped(text: str) -> str:
+    return text.translate(_LATEX_ESCAPES).replace("--", "-{}-")  # `--` would become one dash
 
 
 def _latex(table: Table, command: str) -> str:
@@ -152,13 +170,13 @@ def _latex(table: Table, command: str) -> str:
             r"\begin{table}",
             r"\centering",
             rf"\caption{{{latex_text(table.title)}}}",
-            r"\small",
+            r"\footnotesize",
             r"\setlength{\tabcolsep}{4pt}",
             rf"\sisetup{{{_SIUNITX}}}",
             "\n\\par\\medskip\n".join(tabulars),
             r"\par\medskip\raggedright\footnotesize",
             *(rf"{latex_text(note)}\par" for note in table.notes),
-            rf"made by: \texttt{{{latex_text(command)}}}\par",
+            rf"made by: {_latex_code(one_line(command))}\par",
             r"\end{table}",
         ]
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -105,12 +105,18 @@ def what_text(data: BenchmarkData) -> str:
 def robot_text(data: BenchmarkData) -> str:
     """Return robot, number of joints and TCP for a card's row."""
     robot = data.robot
-    return one_row(f"{robot.name}, {robot.n_joints} joints, TCP {tcp_words(data)} m")
+    return one_row(f"{robot.name}, {robot.n_joints} joints, TCP {tcp_text(robot.tcp_on_flange)} m")
 
 
-def tcp_words(data: BenchmarkData) -> str:
-    """Return the TCP in the form of `--tcp`, m in the frame of the robot's last link."""
-    return ",".join(np.format_float_positional(x, trim="-") for x in data.robot.tcp_on_flange)
+def tcp_text(tcp: Iterable[float]) -> str:
+    """Return a (3,) TCP, m, as text with all digits: "0.06,0,0.08"."""
+    return ",".join(np.format_float_positional(length, trim="-") for length in tcp)
+
+
+def tcp_option(tcp: Iterable[float]) -> str:
+    """Return the option `--tcp` for a (3,) TCP, m in the frame of the robot's last link."""
+    text = tcp_text(tcp)
+    return f"--tcp={text}" if text.startswith("-") else f"--tcp {text}"
 
 
 def one_row(text: str) -> str:

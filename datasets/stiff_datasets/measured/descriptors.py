@@ -13,6 +13,7 @@ import hashlib
 import io
 import json
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -391,7 +392,7 @@ def _rows(path: Path, content: bytes) -> tuple[list[str], list[list[str]]]:
     if reason:
         raise DataError(
             f"{path}: {reason}; descriptors need plain CSV with commas: run bench data export "
-            f"{path} --output DIR (with your --robot or --urdf)"
+            f"{shlex.quote(str(path))} --output DIR (with your --robot or --urdf)"
         )
     return header, rows
 
@@ -400,11 +401,15 @@ def _odd_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return the reason why a table is not plain; "" if it is."""
     if len(header) < 2 or not rows:
         return "has no commas between cells" if rows else "has no rows"
+    if header[0].startswith("#"):
+        return "its header is a remark"
     if len({*header}) < len(header) or any(not name or name != name.strip() for name in header):
         return "two columns have the same name, or a name is empty or has blanks around it"
     for number, row in enumerate(rows, start=2):
         if len(row) != len(header):
             return f"row {number} has {counted(len(row), 'cell')}, the header {len(header)}"
+        if any(NUMBER.fullmatch(cell) and not cell.isascii() for cell in row):
+            return f"row {number} has a number with a typographic minus sign"
     return ""
 
 

@@ -227,10 +227,14 @@ def _rms(squares: FloatArray) -> float:
 def relative_compliance(data: Reading, compliance: FloatArray) -> float:
     """Return the joints' compliance as a multiple of the usual one; 0 if unknown.
 
+    It is unknown if the robot's masses are unknown or cannot be right (`Robot.mass_doubt`).
+
     Args:
         data: the samples.
         compliance: (n_joints,) rad/(N m), m/N.
     """
+    if data.robot.mass_doubt:
+        return 0.0
     torque = np.abs(data.robot.gravity_torque(data.q[:1000]))
     sag = (torque.max(axis=0) * compliance)[data.robot.turns]
     return float(sag.max(initial=0.0) / USUAL_SAG)

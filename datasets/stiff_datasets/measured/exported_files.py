@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiff_datasets.measured.card_text import tcp_words
+from stiff_datasets.measured.card_text import tcp_option
 from stiff_datasets.measured.descriptors import (
     DescribedFile,
     describe,
@@ -73,7 +73,7 @@ def export(
             write_table(temporary_folder / names[0], [sample_table(data.samples, data.robot)])
             (temporary_folder / names[2]).write_text(urdf, encoding="utf-8")
             robot = read_robot(temporary_folder / names[2], tcp=data.robot.tcp_on_flange.tolist())
-            robot_options = f"--urdf {names[2]} --tcp {tcp_words(data)}"
+            robot_options = f"--urdf {names[2]} {tcp_option(data.robot.tcp_on_flange)}"
             (temporary_folder / names[1]).write_text(card(robot_options, ""), encoding="utf-8")
             with warnings.catch_warnings():  # the data set's own reader gave them
                 warnings.simplefilter("ignore", StiffBenchWarning)

@@ -31,5 +31,14 @@ class FileOptions:
             valid = f"valid: from 0 to {LARGEST_POSE_TOLERANCE:g}, in deg and mm"
             raise ConfigError(f"{self.pose_tolerance:g} ({valid})", "pose-tolerance")
 
+    @property
+    def words(self) -> list[str]:
+        """Words of a command line that give these options."""
+        words = ["--no-torque"] * self.no_torque
+        words += [] if self.sheet is None else ["--sheet", self.sheet]
+        if self.pose_tolerance != POSE_TOLERANCE:
+            words += ["--pose-tolerance", str(self.pose_tolerance)]
+        return words
+
 
 DEFAULTS = FileOptions()

@@ -3,7 +3,7 @@
 The columns are listed in `sample_columns.py`, without the deflections: ``q1_deg .. qn_deg, fx_N ..
 tz_Nm``. Optional columns are ``pose_id, load_id, group``. The file may also have ``dx_mm, dy_mm,
 dz_mm``, as in a measurement or a plan. They are not read; in the written file these columns are the
-predictions.
+predictions. All other columns are written as they are.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import infer_dtype
 
 from stiff_datasets.measured.row_checks import (
     limit_problems,
@@ -36,6 +37,13 @@ from stiff_datasets.measured.sample_columns import (
 from stiff_datasets.measured.sheet_files import Sheet, read_sheet, sheet_of, write_table
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot
 
+EXTRAPOLATES_COLUMN = "extrapolates"
+PREDICTED_COLUMNS = (
+    EXTRAPOLATES_COLUMN,
+    *(f"d{axis}_{end}_mm" for axis in AXES for end in ("lower", "upper")),
+)
+"""Columns of predictions besides the deflections."""
+
 
 @dataclass(frozen=True, eq=False)
 class Loads:
@@ -55,7 +63,8 @@ class LoadTable(Loads):
     """The rows of a file, checked.
 
     Attributes:
-        columns: names, joint positions and wrenches as in the file, in its units.
+        columns: names, joint positions and wrenches in the units of files, then the other columns
+            as in the file, without earlier predictions.
         oddities: warnings, one line each.
     """
 
@@ -90,7 +99,7 @@ def loads_of(name: str, table: pd.DataFrame, robot: Robot) -> LoadTable:
 
 def _loads(cells: Sheet, robot: Robot) -> LoadTable:
     path, sheet = cells.path, cells.with_standard_columns(all_columns(robot))
-    problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS))
+    problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS), robot)
     if problems:
         raise problems_error(path, problems)
     joints = joint_columns(robot)
@@ -110,9 +119,29 @@ def _loads(cells: Sheet, robot: Robot) -> LoadTable:
     return LoadTable(
         q=q_file / file_units(robot),
         wrench=wrench,
-        columns=pd.DataFrame(columns),
+        columns=pd.DataFrame(columns | _further_columns(cells, sheet)),
         oddities=(*sheet.oddities, *(f"{path}: {oddity}" for oddity in warning_texts)),
     )
+
+
+def _further_columns(cells: Sheet, sheet: Sheet) -> dict[str, pd.Series]:
+    """Return the columns of a file besides its loads and earlier predictions.
+
+    `sheet` has the recognised columns of `cells`. Repeated names get a number. A column with values
+    of several types becomes text, because Parquet has one type per column.
+    """
+    further: dict[str, pd.Series] = {}
+    for i, header in enumerate(cells.cells.columns):
+        if header not in sheet.unused or header in PREDICTED_COLUMNS:
+            continue
+        name, number = header, 0
+        while name in further:
+            number += 1
+            name = f"{header}.{number}"
+        values = cells.cells.iloc[:, i].reset_index(drop=True).infer_objects()
+        is_mixed = infer_dtype(values).startswith("mixed")
+        further[name] = values.astype(str) if is_mixed else values
+    return further
 
 
 def write_predictions(
@@ -135,7 +164,8 @@ def write_predictions(
     if interval is not None:
         columns |= interval_columns(interval)
     in_mm = {name: in_file_units(np.asarray(values), MM_PER_M) for name, values in columns.items()}
-    write_table(path, [table.columns.assign(**in_mm, extrapolates=list(extrapolates))])
+    marks = {EXTRAPOLATES_COLUMN: list(extrapolates)}
+    write_table(path, [table.columns.assign(**in_mm).assign(**marks)])
 
 
 def interval_columns(interval: Interval) -> dict[str, FloatArray]:

@@ -16,15 +16,18 @@ from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     LOADED_COLUMNS,
     TORQUE_COLUMNS,
+    UNITS,
     UNLOADED_COLUMNS,
     WRENCH_COLUMNS,
     counted,
     file_units,
     joint_columns,
+    shortened,
+    split_header,
 )
 from stiff_datasets.measured.sheet_files import MAYBE_GROUPED, NUMBER, Sheet
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import FloatArray, IntArray, Robot, TextArray
+from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Robot, TextArray
 
 MAX_NUMBER = 1e6
 """N, N m, deg or mm; limit of loads, and of positions of joints without limits."""
@@ -39,9 +42,9 @@ NO_TORQUE_HINT = "add --no-torque if torques were not measured"
 NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 """Columns of a file without torques -> their values."""
 
+FORMULA_HINT = "the formula was never computed: open and save the file in Excel"
+
 MAX_RUNS_SHOWN = 10
-_MAX_CELL_SHOWN = 60
-"""Characters of an invalid cell in a message."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,10 @@ def problems_error(
 
 
 def table_problems(
-    sheet: Sheet, columns: tuple[str, ...], optional: tuple[str, ...] = ()
+    sheet: Sheet,
+    columns: tuple[str, ...],
+    optional: tuple[str, ...] = (),
+    robot: Robot | None = None,
 ) -> list[Problem]:
     """Return the problems of a header; if it has none, report missing rows.
 
@@ -85,6 +91,7 @@ def table_problems(
         sheet: the cells.
         columns: every column that a file may have, in the usual order.
         optional: columns that may be missing.
+        robot: robot whose joints are among the columns; named if the file has fewer joints.
     """
     names = list(sheet.cells.columns)
     numbers = [name for name in sheet.unused if NUMBER.fullmatch(name.replace(",", "."))]
@@ -100,7 +107,11 @@ def table_problems(
         for kind, names_of_kind in named.items()
         if names_of_kind
     ]
+    if missing and robot is not None and (few_joints := _few_joints_text(sheet, robot)):
+        parts.insert(0, few_joints)
     parts += [f"unit of {name!r} (valid: {units})" for name, units in sheet.odd_units.items()]
+    if {*DEFLECTION_COLUMNS} & {*missing} and (twice := _positions_twice(sheet)):
+        parts.insert(0, f"{twice} stand twice: name them {POSITIONS_TEXT}")
     if missing or repeated:
         valid = ", ".join(columns) + (f"; optional: {', '.join(optional)}" if optional else "")
         if missing and {*missing} <= {*TORQUE_COLUMNS}:
@@ -109,6 +120,39 @@ def table_problems(
             valid += f"; in place of dx_mm..: {POSITIONS_TEXT}"
         return [Problem(shortened(f"header: {'; '.join(parts)}", 500), valid)]
     return [Problem("no data rows below the header", "")] if sheet.cells.empty else []
+
+
+def _few_joints_text(sheet: Sheet, robot: Robot) -> str:
+    """Return the sentence on a file with the joints q1 to qk of a longer chain; "" for others."""
+    units = dict(split_header(name) for name in (*sheet.headers.values(), *sheet.unused))
+    columns = [f"q{i + 1}" for i in range(robot.n_joints) if f"q{i + 1}" in units]
+    n, names = len(columns), robot.joint_names
+    if n in (0, len(names)) or columns[-1] != f"q{n}":
+        return ""
+    turns = [units[name] in UNITS["deg"] for name in columns]
+    stated = np.array([bool(units[name]) for name in columns])
+    ways = []
+    if (robot.turns[:n] == turns)[stated].all():
+        ways.append(f"--tip with the URDF's link before joint {names[n]!r} ends the chain there")
+    if (robot.turns[-n:] == turns)[stated].all():
+        ways.append(
+            f"if {', '.join(names[:-n])} stood still, add columns with their positions, or write "
+            'type="fixed" in the URDF'
+        )
+    return "; ".join(
+        [
+            f"{counted(n, 'joint')}, but the chain of {robot.name} has {len(names)} "
+            f"({', '.join(names)})",
+            *ways,
+        ]
+    )
+
+
+def _positions_twice(sheet: Sheet) -> str:
+    """Return "X, Y, Z" if the columns of positions do not say which are loaded; else ""."""
+    names = [name for name in sheet.unused if split_header(name)[0] in AXES]
+    axes = [split_header(name)[0] for name in names]
+    return ", ".join(names[:3]) if sorted(axes) == sorted(AXES * 2) else ""
 
 
 def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -> Problem:
@@ -121,11 +165,6 @@ def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -
     )
 
 
-def shortened(text: str, limit: int = _MAX_CELL_SHOWN) -> str:
-    """Return the first characters of a long text."""
-    return text if len(text) <= limit else f"{text[:limit]}..."
-
-
 def number_problems(
     sheet: Sheet, columns: tuple[str, ...], values: FloatArray
 ) -> Iterator[Problem]:
@@ -135,6 +174,8 @@ def number_problems(
         valid = "a finite number"
         if isinstance(text, str) and MAYBE_GROUPED.fullmatch(text):
             valid += "; the point or comma may mark decimals or thousands in this file"
+        elif sheet.is_formula(text):
+            valid += f"; {FORMULA_HINT}"
         yield cell_problem(sheet, row, columns[column], valid)
 
 

@@ -29,6 +29,11 @@ DEG_PER_RAD = 180.0 / np.pi
 DECIMALS = 10
 """Numbers are written with this many decimals if they read back as the same SI number."""
 
+MAX_CELL_LENGTH = 100
+"""Characters of a name or a number; the longest name sets the width of an array of names."""
+_MAX_CELL_SHOWN = 60
+"""Characters of an invalid cell in a message."""
+
 _JOINT_WORDS = (
     "joint|jointangle|jointposition|axis|axisangle|angle|"
     "gelenk|gelenkwinkel|achse|achswinkel|achsenwinkel|achsstellung|winkel"
@@ -72,7 +77,12 @@ _HEADER = re.compile(
 
 
 def split_header(header: str) -> tuple[str, str]:
-    """Return the standard name of a column without its unit, and the unit, "" for none."""
+    """Return the standard name of a column without its unit, and the unit, "" for none.
+
+    A text that is too long for a name is returned unchanged.
+    """
+    if len(header) > MAX_CELL_LENGTH:
+        return header, ""
     header = re.sub(r"\.\d+$", "", header)  # pandas numbers repeated names
     text = re.sub(r"n[ ·⋅*]m", "nm", header.strip().lower())
     match = _HEADER.fullmatch(text)
@@ -113,6 +123,11 @@ def in_file_units(values: FloatArray, unit: float) -> FloatArray:
     for candidate in candidates:  # the best last
         result = np.where(candidate / unit == values, candidate, result)
     return result
+
+
+def shortened(text: str, limit: int = _MAX_CELL_SHOWN) -> str:
+    """Return the first characters of a long text."""
+    return text if len(text) <= limit else f"{text[:limit]}..."
 
 
 def counted(number: int, thing: str) -> str:

@@ -17,6 +17,7 @@ import pandas as pd
 from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.row_checks import (
+    FORMULA_HINT,
     MAX_NUMBER,
     NO_TORQUE,
     POSITIONS_TEXT,
@@ -31,7 +32,6 @@ from stiff_datasets.measured.row_checks import (
     problems_error,
     radian_problems,
     row_ranges,
-    shortened,
     table_problems,
     with_missing_columns,
 )
@@ -40,6 +40,7 @@ from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     LOADED_COLUMNS,
+    MAX_CELL_LENGTH,
     MM_PER_M,
     TORQUE_COLUMNS,
     UNLOADED_COLUMNS,
@@ -48,8 +49,9 @@ from stiff_datasets.measured.sample_columns import (
     counted,
     file_units,
     joint_columns,
+    shortened,
 )
-from stiff_datasets.measured.sheet_files import MAX_CELL_LENGTH, Sheet, read_sheet, sheet_of
+from stiff_datasets.measured.sheet_files import Sheet, plain_minus, read_sheet, sheet_of
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import (
     BenchmarkData,
@@ -71,7 +73,22 @@ MIN_DEFLECTION_MM = 0.01
 POSITION_TOLERANCE = 0.2
 """Share by which positions of a tool may differ from the robot description."""
 MIN_POSITIONS = 5
-EMPTY_SIGNS = {"", "-", "--", "?", "n/a", "na", "nan", "none", "null", "<na>", "nat", "tbd", "todo"}
+EMPTY_SIGNS = {
+    "",
+    "-",
+    "--",
+    "\u2014",
+    "?",
+    "n/a",
+    "na",
+    "nan",
+    "none",
+    "null",
+    "<na>",
+    "nat",
+    "tbd",
+    "todo",
+}
 """Signs of a cell that is not filled in yet, in lower case."""
 
 
@@ -186,7 +203,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     columns = all_columns(robot)
     sheet, columns = _with_positions(sheet, columns)
     optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if options.no_torque else ()))
-    problems = table_problems(sheet, columns, optional)
+    problems = table_problems(sheet, columns, optional, robot)
     if problems:
         return CheckedSamples(sheet, problems)
     columns, n = columns[len(ID_COLUMNS) :], robot.n_joints
@@ -200,10 +217,13 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     reach = pose_reach(robot, options.pose_tolerance)
     sheet = _with_names(sheet, near, reach)
     unreadable = [*junk, *_id_problems(sheet), *number_problems(sheet, columns, numbers)]
+    far = [*bound_problems(sheet, WRENCH_COLUMNS, wrench, MAX_NUMBER)]
+    if measured_mm.shape[1] > len(DEFLECTION_COLUMNS):
+        far.extend(bound_problems(sheet, columns[-6:], measured_mm, MAX_NUMBER))
     sheet, deflection_mm = _deflections(sheet, measured_mm)
     problems = [
         *unreadable,
-        *bound_problems(sheet, WRENCH_COLUMNS, wrench, MAX_NUMBER),
+        *far,
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot),
         *_deflection_problems(sheet, deflection_mm, q_file, robot),
@@ -245,7 +265,10 @@ def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArr
     if measured_mm.shape[1] == len(DEFLECTION_COLUMNS):
         return sheet, measured_mm
     unloaded, loaded = np.split(measured_mm, 2, axis=1)
-    deflection_mm = np.round(loaded - unloaded, DECIMALS)  # positions are exact to a share of 1e-13
+    with np.errstate(over="ignore"):  # such positions are refused
+        deflection_mm = np.round(
+            loaded - unloaded, DECIMALS
+        )  # positions are exact to a share of 1e-13
     parts = (DEFLECTION_COLUMNS, LOADED_COLUMNS, UNLOADED_COLUMNS)
     names = {
         column: " - ".join(sheet.headers.get(position, position) for position in positions)
@@ -334,7 +357,7 @@ def _empty_cells(sheet: Sheet, columns: tuple[str, ...], numbers: FloatArray) ->
     """
     empty = np.isnan(numbers)
     cells = sheet.cells[[*columns]].to_numpy(dtype=object)
-    empty[empty] = [str(cell).strip().lower() in EMPTY_SIGNS for cell in cells[empty]]
+    empty[empty] = [plain_minus(str(cell)).strip().lower() in EMPTY_SIGNS for cell in cells[empty]]
     return empty
 
 
@@ -344,6 +367,8 @@ def _id_problems(sheet: Sheet) -> Iterator[Problem]:
             valid = ""
             if not name or (column == "pose_id" and name.startswith("#")):
                 valid = "a name"
+            elif sheet.is_formula(name):
+                valid = f"a name; {FORMULA_HINT}"
             elif len(name) > MAX_CELL_LENGTH:
                 valid = f"a name of at most {MAX_CELL_LENGTH} characters"
             elif name != name.strip() or not name.isprintable():

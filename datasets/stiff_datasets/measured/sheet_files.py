@@ -1,8 +1,8 @@
 """Read and write tables of samples as CSV, Excel or Parquet files.
 
 `sample_columns.py` lists the columns. Other common names and units are understood. So are a row of
-units below the header, semicolons or tabs with decimal commas, titles above the header, and lines
-that begin with ``#``.
+units below the header, semicolons, tabs or blanks with decimal commas, titles or merged cells above
+the header, a header that begins with ``#``, and remarks.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,9 +23,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stiff_datasets.measured.excel_file import (
+    MAX_CELLS,
+    Row,
+    column_name,
+    excel_rows,
+    is_remark,
+    size_error,
+    with_formulas,
+)
 from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
+    MAX_CELL_LENGTH,
     MM_PER_M,
     NAMES,
     UNITS,
@@ -32,6 +43,7 @@ from stiff_datasets.measured.sample_columns import (
     file_units,
     in_file_units,
     joint_columns,
+    shortened,
     split_header,
 )
 from stiff_protocols.contract.errors import ConfigError, DataError
@@ -48,19 +60,32 @@ from stiff_protocols.contract.types import (
 
 PARQUET, EXCEL = ".parquet", ".xlsx"
 """Extensions of Parquet and Excel files; every other file is CSV."""
-MAX_CELL_LENGTH = 100
-"""Characters of a name or a number; the longest name sets the width of an array of names."""
+MAX_COLUMNS = 1000
 
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+", re.ASCII)
+_MINUS_SIGNS = "\u2010\u2011\u2012\u2013\u2212\ufe63\uff0d"
+"""Dashes and minus signs in numbers of Word, R and LaTeX."""
+_PLAIN_MINUS = str.maketrans(_MINUS_SIGNS, "-" * len(_MINUS_SIGNS))
+_SIGN = rf"[+{_MINUS_SIGNS}-]?"
+NUMBER = re.compile(rf"{_SIGN}(\d+(\.\d*)?|\.\d+)([eE]{_SIGN}\d+)?", re.ASCII)
+_GROUPED = re.compile(rf"{_SIGN}\d{{1,3}}(?:(?:\.\d{{3}})+,|(?:,\d{{3}})+\.)\d+", re.ASCII)
 """A number with thousands separators and decimals. For 1.234 see `MAYBE_GROUPED`."""
-MAYBE_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}", re.ASCII)
+MAYBE_GROUPED = re.compile(rf"{_SIGN}[1-9]\d{{0,2}}[.,]\d{{3}}", re.ASCII)
 _MIN_HEADER_NAMES, _MAX_TITLE_ROWS = 3, 20
 """The header is the first row with three names of columns, among the first twenty rows."""
+_MAX_NAMES_SHOWN = 1000
+"""Characters of the names of unused columns in a message."""
+_WIDTH_HINTS = {
+    ",": "; decimal commas need semicolons between columns",
+    " ": "; blanks separate the columns, so that no cell may be empty or have a blank",
+}
+"""Separator -> what may be wrong with a row of another width."""
+_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
+"""Signs that no text has."""
 _NO_UNIT = re.compile(r"[-\u2013\u2014]*")
 _MIN_UNITS_IN_ROW = 3
 """Least number of units in a row of units below the header."""
-_Row = tuple[int, list[Any]]  # row number in the file, cells
+_SEPARATORS = (r"[,;\t]", r"\s{2,}|\t", r"\s+")
+"""Separators of a header: signs, else columns that blanks align, else single blanks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +118,23 @@ class Sheet:
     @property
     def oddities(self) -> list[str]:
         """Notes, and one line with the names of unused columns."""
-        unused = [f"columns not used: {', '.join(self.unused)}"] if self.unused else []
+        unused = [f"columns not used: {self.unused_text}"] if self.unused else []
         return [f"{self.path}: {line}" for line in (*self.notes, *unused)]
+
+    @property
+    def unused_text(self) -> str:
+        """Names of unused columns, as text for a message."""
+        return shortened(", ".join(map(shortened, self.unused)), _MAX_NAMES_SHOWN)
 
     def take(self, rows: BoolArray | slice) -> Sheet:
         """Return the rows of `rows`."""
         cells = self.cells[rows].reset_index(drop=True)
         return replace(self, cells=cells, lines=self.lines[rows])
+
+    def is_formula(self, cell: object) -> bool:
+        """Test if a cell of an Excel file holds a formula without its value."""
+        is_excel = self.path.suffix.lower() == EXCEL
+        return is_excel and isinstance(cell, str) and cell.startswith("=")
 
     def numbers(self, columns: tuple[str, ...]) -> FloatArray:
         """Return the cells (n, len(columns)) in standard units; NaN if a cell is not finite."""
@@ -109,7 +144,8 @@ class Sheet:
             for column in columns
         ]
         factors = [self.factors.get(column, 1.0) for column in columns]
-        return np.array(values, dtype=np.float64).T * factors
+        with np.errstate(over="ignore"):  # then it is not finite
+            return np.asarray(np.array(values, dtype=np.float64).T * factors)
 
     @cached_property
     def _doubtful_signs(self) -> str:
@@ -251,41 +287,98 @@ def write_table(path: Path, parts: Iterable[pd.DataFrame]) -> None:
 
 def _read_csv(path: Path) -> Sheet:
     """Read the table as text, so that messages show invalid values unchanged."""
-    content = path.read_bytes()
+    text, notes = _text(path, path.read_bytes())
+    all_lines = [*_filled_lines(io.StringIO(text, newline=None))]
+    lines = [(number, line) for number, line in all_lines if not is_remark(line)]
+    stated = re.fullmatch(r"sep=([,;\t])", lines[0][1].strip(" \ufeff")) if lines else None
+    lines = lines[1:] if stated else lines  # written by Excel
+    if not lines:
+        raise DataError(f"{path}: the file is empty")
+    pattern, first = _text_header(lines)
+    if first is None:  # numpy.savetxt writes the header as a remark above the rows
+        n_remarks = all_lines.index(lines[0])
+        remarks = [(number, line.strip().lstrip("#")) for number, line in all_lines[:n_remarks]]
+        in_remark, first = _text_header(remarks)
+        if first is not None:
+            pattern, lines = in_remark, [remarks[first], *lines]
+        first = 0
+    above: list[str] = []
+    number, header = lines[first]
+    if pattern == _SEPARATORS[0]:
+        separator = stated[1] if stated else max(",;\t", key=header.count)
+        if first:
+            above = [cell.strip(' "') for cell in lines[first - 1][1].split(separator)]
+        lines = _single_tabs(lines[first:]) if separator == "\t" else lines[first:]
+    else:
+        names = re.split(pattern, header.replace('"', "").strip())
+        rows_below = [(row, line.replace("\t", " ").strip()) for row, line in lines[first + 1 :]]
+        separator = " "
+        lines = [(number, " ".join(f'"{name}"' for name in names)), *rows_below]
+    rows = [*_csv_rows(path, lines, separator)]
+    sheet = _sheet_of_rows(path, rows, "." if separator == "," else ",", above)
+    return replace(sheet, notes=(*notes, *sheet.notes))
+
+
+def _text(path: Path, content: bytes) -> tuple[str, tuple[str, ...]]:
+    """Return the text of a file, and a note on its encoding if the file does not state it."""
     encoding = "utf-8-sig"
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encoding = "utf-16"
     elif b"\0" in content[:2]:  # no byte order mark, first character in ASCII
         encoding = "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
+    notes: tuple[str, ...] = ()
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
         byte = f"byte 0x{content[error.start]:02x} at {error.start}"
-        raise DataError(
-            f"{path}: not a text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
-        ) from error
+        try:
+            text = content.decode("cp1252")  # Latin-1 has the same letters
+        except UnicodeDecodeError:
+            text = "\0"
+        if encoding != "utf-8-sig" or _CONTROL.search(text):
+            raise DataError(
+                f"{path}: not a text in UTF-8 or UTF-16 ({byte}); save it as 'CSV UTF-8' or .xlsx"
+            ) from error
+        notes = (f"not UTF-8 ({byte}), so read as Windows-1252",)
     if "\0" in text:
         raise DataError(f"{path}: not a CSV table in UTF-8 or UTF-16: it has NUL characters")
-    lines = [*_filled_lines(io.StringIO(text, newline=None))]
-    stated = re.fullmatch(r"sep=([,;\t])", lines[0][1].strip(" \ufeff")) if lines else None
-    lines = lines[1:] if stated else lines  # written by Excel
-    if not lines:
-        raise DataError(f"{path}: the file is empty")
-    first = _header(re.split(r"[,;\t]", line.replace('"', "")) for _, line in lines) or 0
-    separator = stated[1] if stated else max(",;\t", key=lines[first][1].count)
-    rows = [*_csv_rows(path, lines[first:], separator)]
-    return _sheet_of_rows(path, rows, "." if separator == "," else ",")
+    return text, notes
 
 
 def _filled_lines(text: Iterable[str]) -> Iterator[tuple[int, str]]:
-    """Yield lines with content, and their numbers; skip remarks and separators."""
+    """Yield lines with content, and their numbers; skip separators."""
     for number, line in enumerate(text, start=1):
-        if line.strip(' ,;\t\n"') and not line.lstrip().startswith("#"):
+        if line.strip(' ,;\t\n"'):
             yield number, line.rstrip("\n")
 
 
-def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Iterator[_Row]:
-    """Yield rows as wide as the first; quoted cells may span lines."""
+def _text_header(lines: Sequence[tuple[int, str]]) -> tuple[str, int | None]:
+    """Return the pattern of the separators and the index of the header; None: no header."""
+    texts = [line.replace('"', "") for _, line in lines[:_MAX_TITLE_ROWS]]
+    for pattern in _SEPARATORS:
+        is_sign = pattern == _SEPARATORS[0]
+        rows = (re.split(pattern, text if is_sign else text.strip()) for text in texts)
+        if (first := _header(rows)) is not None:
+            return pattern, first
+    numbers_only = texts and all(map(NUMBER.fullmatch, texts[0].split()))
+    return _SEPARATORS[-1 if numbers_only else 0], None
+
+
+def _single_tabs(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """Return the lines with one tab between cells, if some have more to align their columns."""
+    tight = [
+        (number, "\t".join(cell for cell in line.split("\t") if cell.strip()))
+        for number, line in lines
+    ]
+    n_tabs, n_tight = ({line.count("\t") for _, line in rows} for rows in (lines, tight))
+    return tight if len(n_tabs) > 1 and len(n_tight) == 1 else lines
+
+
+def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Iterator[Row]:
+    """Yield rows as wide as the first; quoted cells may span lines.
+
+    Missing cells at the end of a row are empty, except where blanks separate the columns.
+    """
     begun = width = 0
 
     def texts() -> Iterator[str]:
@@ -299,8 +392,12 @@ def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Itera
     try:
         for cells in csv.reader(texts(), delimiter=separator, skipinitialspace=True):
             number, begun, width = begun, 0, width or len(cells)
-            if len(cells) > width:
-                hint = "; decimal commas need semicolons between columns" * (separator == ",")
+            if width > MAX_COLUMNS:
+                raise DataError(
+                    f"{path}: row {number} has {width:,} cells (valid: {MAX_COLUMNS:,})"
+                )
+            if len(cells) > width or (separator == " " and len(cells) < width):
+                hint = _WIDTH_HINTS.get(separator, "")
                 reason = f"row {number} has {len(cells)} cells, the header {width}{hint}"
                 raise DataError(f"{path}: not a CSV table: {reason}")
             cells = [cell.strip() for cell in cells]
@@ -311,15 +408,18 @@ def _csv_rows(path: Path, lines: list[tuple[int, str]], separator: str) -> Itera
         raise DataError(f"{path}: not a CSV table: {reason}") from error
 
 
-def _sheet_of_rows(path: Path, rows: list[_Row], decimal: str) -> Sheet:
-    """Return the sheet of rows whose first is the header."""
+def _sheet_of_rows(path: Path, rows: list[Row], decimal: str, above: Sequence[str] = ()) -> Sheet:
+    """Return the sheet of rows whose first is the header; `above` are the cells above it."""
     (_, header), *rows = rows
     names = [str(name) or f"column {i + 1}" for i, name in enumerate(header)]
     notes: tuple[str, ...] = ()
+    labelled = _with_labels(names, above)
+    if labelled != names:
+        names, notes = labelled, ("the row above the header belongs to the names of columns",)
     if rows and (units := _units_row(rows[0][1])):
         (number, _), *rows = rows
         names = _with_units(path, names, units, number)
-        notes = (f"row {number} states the units of the columns",)
+        notes += (f"row {number} states the units of the columns",)
     cells = pd.DataFrame([row for _, row in rows], columns=names, dtype=object)
     is_used = (np.array(header, dtype=object) != "") | (cells != "").any().to_numpy()
     lines = np.array([number for number, _ in rows], dtype=np.int64)
@@ -354,38 +454,48 @@ def _with_units(path: Path, names: list[str], units: list[str], number: int) -> 
     return named_columns
 
 
+def _with_labels(names: Sequence[str], labels: Sequence[str]) -> list[str]:
+    """Join names with the label above them, such as "unloaded [mm]" above X, Y and Z.
+
+    They are joined only where both together are the name of a column, and two labels or more are.
+    A label counts for the columns without a label to its right, as a merged cell does.
+    """
+    joined, used_labels, word, unit = [], set(), "", ""
+    for i, name in enumerate(names):
+        if i < len(labels) and labels[i]:
+            word, unit = split_header(labels[i])
+        bare_name, stated = split_header(name)
+        together = split_header(f"{word} {name}")[0]
+        if (
+            len(word) > 1
+            and together in NAMES
+            and (bare_name == together or bare_name not in NAMES)
+        ):
+            used_labels.add(word)
+            name = name if bare_name == together else f"{word} {name}"
+            name += f" [{unit}]" * bool(unit and not stated)
+        joined.append(name)
+    return joined if len(used_labels) > 1 else [*names]
+
+
 def _read_excel(path: Path, sheet: str | None) -> Sheet:
-    require(f"{path}: Excel", "openpyxl")
-    with path.open("rb") as file:
-        try:
-            excel_sheets = pd.read_excel(
-                file,
-                engine="openpyxl",
-                sheet_name=None,  # all of them
-                header=None,
-                dtype=object,
-                na_filter=False,
-            )
-        except Exception as error:  # for a corrupt file openpyxl raises errors of its parsers
-            raise DataError(f"{path}: not an Excel file (.xlsx), or a corrupt one") from error
-    tables = {title: [*_excel_rows(cells)] for title, cells in excel_sheets.items()}
+    tables = excel_rows(path, sheet)
     title, first = _table_sheet(path, tables, sheet)
     notes = (f"sheet {title!r} read",) if sheet is None and title != next(iter(tables)) else ()
-    table_sheet = _sheet_of_rows(path, tables[title][first:], ",")
+    above = [str(cell) for cell in tables[title][first - 1][1]] if first else []
+    rows = with_formulas(path, title, tables[title][first:])
+    filled = sorted({i for _, row in rows for i, cell in enumerate(row) if cell != ""})
+    if len(filled) > MAX_COLUMNS or len(filled) * len(rows) > MAX_CELLS:
+        raise size_error(path, f"{len(rows):,} rows and {len(filled):,} columns of {title!r}")
+    rows = [(number, [row[i] if i < len(row) else "" for i in filled]) for number, row in rows]
+    header = rows[0][1]
+    header[:] = [name or column_name(i) for i, name in zip(filled, map(str, header), strict=True)]
+    above = [above[i] if i < len(above) else "" for i in filled]
+    table_sheet = _sheet_of_rows(path, rows, ",", above)
     return replace(table_sheet, notes=(*notes, *table_sheet.notes))
 
 
-def _excel_rows(cells: pd.DataFrame) -> Iterator[_Row]:
-    """Yield the rows of a sheet, without blank rows and remarks."""
-    for number, row in enumerate(cells.to_numpy().tolist(), start=1):
-        row = [cell.strip() if isinstance(cell, str) else cell for cell in row]
-        if any(cell != "" for cell in row) and not str(row[0]).startswith("#"):
-            yield number, row
-
-
-def _table_sheet(
-    path: Path, tables: Mapping[str, list[_Row]], sheet: str | None
-) -> tuple[str, int]:
+def _table_sheet(path: Path, tables: Mapping[str, list[Row]], sheet: str | None) -> tuple[str, int]:
     """Return the name of the sheet to read and the row of its header."""
     if sheet is not None and sheet not in tables:
         valid = ", ".join(map(repr, tables))
@@ -429,11 +539,18 @@ def _with_text_names(cells: pd.DataFrame, *, strip: bool = True) -> pd.DataFrame
 
 def _header(rows: Iterable[Sequence[str]]) -> int | None:
     """Return the index of the header, the first row with names of columns; None: no row."""
+    above: Sequence[str] = ()
     for i, row in enumerate(itertools.islice(rows, _MAX_TITLE_ROWS)):
-        names = (split_header(cell)[0] for cell in row if len(cell) <= MAX_CELL_LENGTH)
+        names = (split_header(name)[0] for name in _with_labels(row[:MAX_COLUMNS], above))
         if sum(name in NAMES for name in names) >= _MIN_HEADER_NAMES:
             return i
+        above = [cell.strip() for cell in row]
     return None
+
+
+def plain_minus(text: str) -> str:
+    """Return a text with "-" in place of typographic minus signs and dashes."""
+    return text.translate(_PLAIN_MINUS)
 
 
 def _cell_number(cell: object, decimal: str, doubtful: str) -> float:
@@ -445,6 +562,7 @@ def _cell_number(cell: object, decimal: str, doubtful: str) -> float:
     if isinstance(cell, str):
         if len(cell) > MAX_CELL_LENGTH:
             return np.nan
+        cell = plain_minus(cell)
         if doubtful and MAYBE_GROUPED.fullmatch(cell) and any(sign in cell for sign in doubtful):
             return np.nan
         if _GROUPED.fullmatch(cell):
@@ -453,5 +571,6 @@ def _cell_number(cell: object, decimal: str, doubtful: str) -> float:
         cell = cell.replace(decimal, ".")
         number = float(cell) if NUMBER.fullmatch(cell) else np.nan
     elif isinstance(cell, int | float | np.integer | np.floating) and not isinstance(cell, bool):
-        number = float(cell)
+        with suppress(OverflowError):  # of a whole number
+            number = float(cell)
     return number if math.isfinite(number) else np.nan

@@ -166,7 +166,7 @@ def validate(
     if torques_missing and not _is_poorly_explained(diagnosis.given):
         diagnosis = Diagnosis(diagnosis.given)  # the missing torques are the mistake
     pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
-    unused = ", ".join(checked.sheet.unused)
+    unused = checked.sheet.unused_text
     noise = f"{card.instrument_noise * MM_PER_M:.3g} mm per deflection (from the data card)"
     findings = [
         *unfilled,
@@ -174,6 +174,7 @@ def validate(
         *([fact("columns not used", unused)] if unused else []),
         *external_axis_findings(sheet, checked.sheet.unused, robot, lines),
         *_content_findings(samples, robot, no_torque),
+        *([warning(robot.mass_doubt)] if robot.mass_doubt else []),
         *([fact("instrument noise", noise)] if card.instrument_noise else []),
         *duplicate_findings(samples, checked.near_poses, lines),
         *range_findings(samples, lines),

@@ -4,13 +4,19 @@ A description may be a tree: grippers, hands, heads, wheels, second arms. The ro
 from the base to one link, the tip. All other joints are locked, and the links behind them are
 merged into the link that carries them. The default tip is the end of the longest chain: the chain
 with most moving joints, without fingers (`_fingers`). Of several ends, a usual name (`TIP_NAMES`)
-comes first, then the largest number of fixed joints before the end, then the last in the file.
+comes first, then a link that is not a helper (`HELPER_NAMES`), then the link farthest from
+the last moving joint, then the largest number of fixed joints before the end, then the last in the
+file.
+
+A file is read if ROS and Pinocchio read it, also where it is not strict XML: see `_urdf_text`.
 """
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
+import shlex
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,12 +24,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 import pinocchio as pin
 
 from stiff_protocols.contract.controller import Controller
-from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name, warn
 from stiff_protocols.contract.types import FloatArray, JointType, Robot
 
 LONGEST_TCP_M = 5.0
@@ -36,7 +43,30 @@ MAX_XML_DEPTH, MAX_JOINTS = 50, 1000
 """Limits of a URDF; beyond them the C++ parser's stack overflows and ends the process."""
 TIP_NAMES = ("tool0", "tcp", "ee_link", "end_effector", "tool_link", "flange")
 """Usual name endings of an arm's tip, the most usual first."""
+HELPER_NAMES = re.compile(
+    "_sc$|collision|inerti|visual|camera|optical|imu|lidar|laser|sensor", re.IGNORECASE
+)
+"""Names of fixed links that are not a flange: copies for collisions or masses, and sensors."""
 FINGER_NAMES = re.compile("finger|thumb|jaw|knuckle", re.IGNORECASE)
+SLIDING_FINGER_NAMES = re.compile(f"{FINGER_NAMES.pattern}|grip", re.IGNORECASE)
+"""Names of fingers' joints; the second, of prismatic joints only: a wrist may turn a gripper."""
+LONGEST_FINGER_TRAVEL_M = 0.1
+"""A last joint that slides less may be a gripper's."""
+DECLARED_ENCODING = re.compile(
+    rb"""\s*<\?xml\b[^>]*\bencoding=["']((?:iso|latin|windows|cp|gb|big5|euc|shift|koi)[\w-]*)""",
+    re.IGNORECASE,
+)
+XACRO_ADDRESS = "ros.org/wiki/xacro"
+"""End of the address of xacro's elements, also in the older http://www.ros.org/wiki/xacro."""
+OTHER_FORMATS = {
+    "sdf": "an SDF model",
+    "mujoco": "an MJCF model",
+    "COLLADA": "a COLLADA mesh",
+    "launch": "a ROS launch file",
+}
+"""Outermost element -> another format."""
+MAX_START_SHOWN = 40
+"""Characters of a file's first line in an error."""
 MAX_NAMED_IN_NOTE, MAX_NAMED_IN_ERROR = 6, 20
 """Largest number of joints or links in a note or an error; a mobile robot has eighty links."""
 
@@ -91,8 +121,9 @@ def read_chain(
             f"tcp {list(tcp)}: expected three lengths in m, each within +-{LONGEST_TCP_M:g}; are "
             "these mm?"
         )
-    model, lock_note = _with_other_joints_locked(tree, path)
-    flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
+    notes += _finger_notes(tree, path)
+    flange = frame.placement.copy()
+    model, lock_note = _with_other_joints_locked(tree, path, followers)
     try:
         robot = replace(_robot(model, flange, offset), controller=controller)
     except DataError as error:
@@ -102,6 +133,8 @@ def read_chain(
         for name, low, joint in zip(robot.joint_names, robot.lower, model.joints[1:], strict=True)
         if joint.nq == 1 and np.isinf(low)
     ]
+    if robot.mass_doubt:
+        warn(f"{urdf}: {robot.mass_doubt}")
     notes += [lock_note] if lock_note else []
     notes += [f"limits 0..0 count as none: {_listed(unlimited)}"] if unlimited else []
     return ChainModel(model, robot, tuple(f"{urdf.name}: {note}" for note in notes))
@@ -158,26 +191,24 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str], Controller | None]:
     try:
         with urdf.open("rb") as file:
             content = file.read(MAX_URDF_BYTES + 1)
-        text = content.decode()
-    except UnicodeDecodeError as error:
-        raise DataError(f"{urdf}: cannot read the URDF: not a text in UTF-8") from error
     except (OSError, ValueError) as error:  # ValueError: a file name with NUL
         reason = getattr(error, "strerror", None) or error
         raise DataError(f"{urdf}: cannot read the URDF: {reason}") from error
     if len(content) > MAX_URDF_BYTES:
         raise DataError(f"{urdf}: larger than {MAX_URDF_BYTES} bytes, too large for a URDF")
+    refused = f"{urdf}: not a robot description (URDF)"
+    text = _urdf_text(content)
+    root = _root_element(text, refused)
+    if reason := _other_format(root, urdf):
+        raise DataError(f"{refused}: {reason}")
+    _check_description(root, urdf)
+    mimics = ((joint.get("name", ""), joint.find("mimic")) for joint in root.findall("joint"))
+    followers = {name: mimic.get("joint", "") for name, mimic in mimics if mimic is not None}
     try:
-        root = ElementTree.fromstring(text)
-        _check_description(root, urdf)
-        mimics = ((joint.get("name", ""), joint.find("mimic")) for joint in root.findall("joint"))
-        followers = {name: mimic.get("joint", "") for name, mimic in mimics if mimic is not None}
         with _captured_stderr() as printed:
             model = pin.buildModelFromXML(text)
         if any("Could not parse inertial" in line for line in printed):
             raise ValueError  # the parser gives such a link no mass
-        return model, followers, _controller(root.find("controller"), urdf)
-    except ElementTree.ParseError as error:
-        raise DataError(f"{urdf}: not a robot description (URDF): not XML: {error}") from error
     except (ValueError, RuntimeError) as error:
         error_lines = [
             re.sub(r"^Error: +|^at line \d+ in \S+$", "", line.strip()) for line in printed
@@ -186,7 +217,92 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str], Controller | None]:
         reason += "".join(
             f"; {line}" for line in error_lines if "inertial element for Link" in line
         )
-        raise DataError(f"{urdf}: not a robot description (URDF): {reason}") from error
+        raise DataError(f"{refused}: {reason}") from error
+    return model, followers, _controller(root.find("controller"), urdf)
+
+
+def _urdf_text(content: bytes) -> str:
+    """Return a file's text as strict XML without a declaration.
+
+    Lines keep their numbers. ROS reads any encoding, blank lines before the declaration, two
+    hyphens in comments, and a bare ampersand. No entity is left, so that none is expanded.
+    """
+    declared = DECLARED_ENCODING.match(content)
+    encodings = ["utf-8-sig", declared[1].decode() if declared else "cp1252", "cp1252", "latin-1"]
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encodings.insert(0, "utf-16")
+    text = ""
+    for encoding in encodings:
+        try:
+            text = content.decode(encoding)
+            break
+        except (UnicodeDecodeError, LookupError):
+            continue
+    first, *parts = text.split("<!--")
+    text_parts = [first]
+    for part in parts:
+        comment, _, after = part.partition("-->")
+        text_parts += ["\n" * comment.count("\n"), after]
+    text = "".join(text_parts)
+    if declaration := re.match(r"\s*<\?xml\b[^>]*\?>", text):
+        text = "\n" * declaration[0].count("\n") + text[declaration.end() :]
+    return re.sub(r"&(?!(?:amp|lt|gt|quot|apos|#\d+|#x[\da-fA-F]+);)", "&amp;", text)
+
+
+def _root_element(text: str, refused: str) -> ElementTree.Element:
+    """Return the outermost element; the prefixes of names stay, also those without a namespace.
+
+    Raises:
+        DataError: the text is not XML; the message begins with `refused` and names what it is.
+    """
+    start = text.lstrip()[:1000]
+    if start.startswith("version https://git-lfs"):
+        raise DataError(f"{refused}: a Git LFS pointer to the file; run: git lfs pull")
+    if re.match("<!doctype html|<html", start, re.IGNORECASE):
+        raise DataError(
+            f"{refused}: a web page, saved in place of the file; download the file itself (on "
+            "GitHub: Raw)"
+        )
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        begins = "" if start.startswith("<") else f"; it begins with {_first_line(start)!r}"
+        raise DataError(f"{refused}: not XML: {error}{begins}") from error
+    return builder.close()
+
+
+def _first_line(text: str) -> str:
+    """Return at most `MAX_START_SHOWN` characters of the first line."""
+    return text.partition("\n")[0][:MAX_START_SHOWN].strip()
+
+
+def _other_format(root: ElementTree.Element, urdf: Path) -> str:
+    """Return the format of a file that is not a URDF, and the next step; "" for a URDF."""
+    prefixes = {"xacro"} | {
+        name.removeprefix("xmlns:")
+        for name, address in root.items()
+        if name.startswith("xmlns:") and address.endswith(XACRO_ADDRESS)
+    }
+    for element in root.iter():
+        values = (value for name, value in element.items() if name != "filename")
+        if element.tag.partition(":")[0] in prefixes or any("${" in value for value in values):
+            stem = urdf.name.removesuffix(".xacro").removesuffix(".urdf").removesuffix(".xml")
+            names = (f"{stem}.urdf", f"{stem}_expanded.urdf")
+            target = urdf.with_name(next(name for name in names if name != urdf.name))
+            paths = [shlex.quote(str(path)) for path in (urdf, target)]
+            return f"a xacro file; run: xacro {paths[0]} > {paths[1]}"
+    if root.tag in OTHER_FORMATS:
+        return (
+            f"{OTHER_FORMATS[root.tag]}; convert it to URDF, or give the URDF from which it was "
+            "made"
+        )
+    if root.tag != "robot":
+        return f"its outermost element is <{root.tag}> (valid: <robot>)"
+    if root.find("link") is None and root.find("group") is not None:
+        return "a semantic description (SRDF) of a URDF; give that URDF"
+    return ""
 
 
 def _controller(element: ElementTree.Element | None, urdf: Path) -> Controller | None:
@@ -247,6 +363,8 @@ def _check_description(root: ElementTree.Element, urdf: Path) -> None:
     for link, count in children.items():
         if count > 1:
             raise DataError(f"{urdf}: link {link!r} is the child of {count} joints (valid: one)")
+    if any(joint.get("name") == "universe" for joint in root.findall("joint")):
+        raise DataError(f"{urdf}: joint 'universe' has a name that Pinocchio reserves")
 
 
 @contextmanager
@@ -293,25 +411,28 @@ def _chosen_tip(
     Raises:
         ConfigError: no link has the name `tip`.
     """
-    fingers, links = _fingers(tree), dict[int, pin.Frame]()
+    fingers, helpers, links = _fingers(tree), _helpers(tree), dict[int, pin.Frame]()
     n_fixed, carries, carries_arm = dict[int, int](), set[int](), set[int]()
     for index, frame in enumerate(tree.frames):
         if frame.type == pin.FrameType.BODY:
             joint = tree.frames[frame.parentFrame]
             is_fixed = joint.type == pin.FrameType.FIXED_JOINT
             links[index], n_fixed[index] = frame, is_fixed * (n_fixed.get(joint.parentFrame, 0) + 1)
-            carries.add(joint.parentFrame)
-            if frame.parentJoint not in fingers:
-                carries_arm.add(joint.parentFrame)
+            if index not in helpers:
+                carries.add(joint.parentFrame)
+                if frame.parentJoint not in fingers:
+                    carries_arm.add(joint.parentFrame)
 
-    def sort_key(index: int) -> tuple[int, ...]:
+    def sort_key(index: int) -> tuple[float, ...]:
         name, joints = links[index].name, [*tree.supports[links[index].parentJoint]][1:]
         n_usable = sum(
             tree.joints[joint].nv == 1 and tree.names[joint] not in followers for joint in joints
         )
         name_ranks = [number for number, end in enumerate(TIP_NAMES) if name.endswith(end)]
         rank = min(name_ranks, default=len(TIP_NAMES))
-        return n_usable, n_usable - len(joints), -rank, n_fixed[index], index
+        distance = round(float(np.linalg.norm(links[index].placement.translation)), 6)
+        is_flange = index not in helpers
+        return n_usable, n_usable - len(joints), -rank, is_flange, distance, n_fixed[index], index
 
     is_finger = {index: frame.parentJoint in fingers for index, frame in links.items()}
     ends = [index for index in links if index not in (carries if is_finger[index] else carries_arm)]
@@ -333,12 +454,52 @@ def _chosen_tip(
     raise ConfigError(f"{urdf}: {unknown_name('link', tip, names, listed)}", "tip")
 
 
+def _slides(tree: pin.Model, joint: int) -> bool:
+    """Test if a joint is prismatic."""
+    is_simple = tree.joints[joint].nv == 1
+    return is_simple and joint_type_and_axis(tree, joint)[0] == "prismatic"
+
+
+def _helpers(tree: pin.Model) -> set[int]:
+    """Return the frames of fixed links with a helper's name (`HELPER_NAMES`), and of their links.
+
+    A link that carries a moving joint is not a helper.
+    """
+    helpers, moving = set[int](), set[int]()
+    for index in range(tree.nframes - 1, 0, -1):
+        frame = tree.frames[index]
+        if index in moving or frame.type == pin.FrameType.JOINT:
+            moving.add(frame.parentFrame)
+    for index, frame in enumerate(tree.frames):
+        if frame.type == pin.FrameType.BODY and index not in moving:
+            joint = tree.frames[frame.parentFrame]
+            is_fixed = joint.type == pin.FrameType.FIXED_JOINT
+            if is_fixed and (HELPER_NAMES.search(frame.name) or joint.parentFrame in helpers):
+                helpers.add(index)
+    return helpers
+
+
+def _finger_notes(tree: pin.Model, path: Sequence[int]) -> list[str]:
+    """Return a note if the last joint of the chain `path` slides as shortly as a finger."""
+    joint = path[-1]
+    entry = tree.joints[joint].idx_q
+    travel = tree.upperPositionLimit[entry] - tree.lowerPositionLimit[entry]
+    if len(path) < 2 or not _slides(tree, joint) or not 0.0 < travel <= LONGEST_FINGER_TRAVEL_M:
+        return []
+    frame = tree.frames[tree.getFrameId(tree.names[joint], pin.FrameType.JOINT)]
+    before = tree.frames[frame.parentFrame].name
+    return [
+        f"the last joint {tree.names[joint]!r} slides only {1000.0 * travel:.3g} mm, as a gripper "
+        f"does; --tip {shlex.quote(before)} leaves it out"
+    ]
+
+
 def _fingers(tree: pin.Model) -> set[int]:
     """Return the joints of hands and grippers.
 
     A hand is a link with several branches of moving joints, each with fewer joints than the chain
-    before them. A joint with a finger's name (`FINGER_NAMES`) also belongs to a hand, with all
-    joints behind it.
+    before them. A joint with a finger's name (`FINGER_NAMES`, `SLIDING_FINGER_NAMES`) also belongs
+    to a hand, with all joints behind it.
     """
     height = [0] * tree.njoints
     for joint in range(tree.njoints - 1, 0, -1):
@@ -349,16 +510,21 @@ def _fingers(tree: pin.Model) -> set[int]:
         parent = tree.parents[joint]
         depth = len(tree.supports[parent]) - 1
         is_hand = len(tree.children[parent]) > 1 and height[parent] < depth
-        is_named = depth > 0 and FINGER_NAMES.search(tree.names[joint])
+        pattern = SLIDING_FINGER_NAMES if _slides(tree, joint) else FINGER_NAMES
+        is_named = depth > 0 and pattern.search(tree.names[joint])
         if parent in fingers or is_hand or is_named:
             fingers.add(joint)
     return fingers
 
 
-def _with_other_joints_locked(tree: pin.Model, path: Sequence[int]) -> tuple[pin.Model, str]:
+def _with_other_joints_locked(
+    tree: pin.Model, path: Sequence[int], followers: Mapping[str, str]
+) -> tuple[pin.Model, str]:
     """Return the chain of the joints `path`, and a note on the locked joints.
 
-    All other joints are locked at zero, or at the limit nearest to zero.
+    All other joints are locked at zero, or at the limit nearest to zero. `followers`: mimic joint
+    -> followed joint. Links with the name of a joint get another name in `tree`: Pinocchio locks a
+    joint by its name.
     """
     locked_joints = [joint for joint in range(1, tree.njoints) if joint not in path]
     if not locked_joints:
@@ -370,7 +536,16 @@ def _with_other_joints_locked(tree: pin.Model, path: Sequence[int]) -> tuple[pin
         if tree.joints[joint].nq == 1 and not low <= 0.0 <= high and low <= high:
             configuration[entry], nonzero = np.clip(0.0, low, high), True
     position_text = "zero (or the nearest limit)" if nonzero else "zero"
-    names = [tree.names[joint] for joint in locked_joints]
+    names = [
+        f"{name} (mimics {followers[name]})" if name in followers else name
+        for name in (tree.names[joint] for joint in locked_joints)
+    ]
+    used_names = {*tree.names}
+    for frame in tree.frames:
+        if frame.type in (pin.FrameType.BODY, pin.FrameType.FIXED_JOINT):
+            while frame.name in used_names:
+                frame.name += "'"
+            used_names.add(frame.name)
     note = (
         f"{len(names)} joint{'s' * (len(names) > 1)} off the chain locked at {position_text}, "
         f"{'its' if len(names) == 1 else 'their'} links' masses counted: {_listed(names)}"

@@ -134,6 +134,11 @@ def _documented_types(estimator: type) -> dict[str, str]:
     return {name: " ".join(kind.split()) for name, kind in reversed(documented)}
 
 
+def key_of_class(cls: type) -> str:
+    """Return the key of a class of scikit-learn, such as "sklearn:linear_model.Ridge"."""
+    return PREFIX + _public_path(cls)
+
+
 def literal(value: Any) -> Any:
     """Return the Python value of a text: "300", "0.5", "None", "true", "(10, 10)".
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from stiff_protocols.conformance.checks import Failed, remembered
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.stiffness_model import StiffnessModel
+from stiff_protocols.contract.stiffness_model import StiffnessModel, interface_fault
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Interval, Samples
 from stiff_protocols.paths.inverse import evenly_spaced
 from stiff_protocols.scoring.sanity import check_prediction
@@ -87,7 +87,16 @@ class CheckedModel:
 
     @remembered
     def _made(self) -> StiffnessModel:
-        return self.make()
+        made = self.make()
+        if fault := interface_fault(made):
+            raise Failed(
+                f"{type(made).__name__} {fault}", "compare with the model that `bench new` writes"
+            )
+        absent = [name for name in ("get_params", "set_params") if not hasattr(made, name)]
+        if absent:
+            reason = f"{type(made).__name__} has no {' and no '.join(absent)}"
+            raise Failed(reason, "inherit sklearn.base.BaseEstimator")
+        return made
 
     def new(self) -> StiffnessModel:
         """Return a new model."""
@@ -152,7 +161,7 @@ class CheckedModel:
         A change of the copies is a side effect.
         """
         before, given = {"q": q, "wrench": wrench}, {"q": q.copy(), "wrench": wrench.copy()}
-        answer: object = self._watched(lambda: model.predict(**given))
+        answer: object = self._watched(lambda: model.predict(*given.values()))  # as a run does
         if written := [name for name in before if not np.array_equal(given[name], before[name])]:
             effect = f"predict writes into {' and '.join(written)}"
             self.side_effects.append(Failed(effect, "copy an array before you change it"))

@@ -58,7 +58,7 @@ class ModelChecks(CheckedModel):
     """The checks, in their order; the first check of a fit or a prediction reports its error."""
 
     def the_constructor_takes_keywords_and_only_stores_them(self) -> None:
-        """Leave checks and conversions to fit."""
+        """Give every option a default, and leave checks and conversions to fit."""
         made = self.new()
         parameters = inspect.signature(type(made)).parameters.values()
         loose = [p.name for p in parameters if p.kind is not inspect.Parameter.KEYWORD_ONLY]

@@ -20,6 +20,13 @@ LONGEST_M = 100.0
 """Largest distance between two joints of a robot, m; a larger number is in mm."""
 
 
+USUAL_KG_PER_M3 = 0.05, 3000.0
+"""Limits of an arm's mass divided by the cube of its length. Arms with 0.3 kg to 2 t of payload
+have 10 to 300; a mass in grams or tonnes is wrong by a factor of 1000."""
+LIGHTEST_IN_GRAMS_KG = 500.0
+"""An arm with this mass or less is not too heavy, whatever its length."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot(ShownObject, SerialChain):
     """A serial chain of revolute or prismatic joints with a tool centre point.
@@ -120,6 +127,19 @@ class Robot(ShownObject, SerialChain):
         Without such joints they are the base frame's origin. Args: `points` as in `ChainPoses`.
         """
         return points[:, self.n_slides - 1] if self.n_slides else np.zeros((len(points), 3))
+
+    @property
+    def mass_doubt(self) -> str:
+        """Question on the unit of its masses, if the turning joints' links cannot have them; ""."""
+        mass = float(self.masses[self.turns].sum())
+        lengths = np.linalg.norm(self.placements[self.n_slides + 1 :, :3, 3], axis=1)
+        length = float(lengths.sum() + np.linalg.norm(self.flange[:3, 3]))
+        low, high = (limit * length**3 for limit in USUAL_KG_PER_M3)
+        if mass > max(high, LIGHTEST_IN_GRAMS_KG):
+            return f"the moving links weigh {mass:.0f} kg: are the masses of the URDF in grams?"
+        if 0.0 < mass < low:
+            return f"the moving links weigh {mass:.2g} kg: are the masses of the URDF in tonnes?"
+        return ""
 
     @property
     def tcp_on_flange(self) -> FloatArray:

@@ -24,15 +24,23 @@ def code_of(*classes: type) -> str:
 
     It covers the whole package of each class and of each of its bases. Without a package it covers
     the file, with the files of the same folder that it imports. An editable install keeps its
-    version while its code changes. The hash does not depend on the process's history.
+    version while its code changes. The hash does not depend on the process's history. A script
+    from standard input or a notebook has no file: results of its classes cannot be stored.
     """
     modules = {base.__module__ for cls in classes for base in cls.__mro__}
     roots: set[Path] = set()
     for name in modules:
         file = getattr(sys.modules.get(name), "__file__", None)
+        if name == "__main__" and not is_script_file(file):
+            continue
         if name.partition(".")[0] not in _NO_FILES_OF and file is not None:
             roots |= _with_neighbours(_root(Path(file)))
     return _hash(sorted(map(code_below, roots))) if roots else ""
+
+
+def is_script_file(file: str | None) -> bool:
+    """Return whether the `__file__` of `__main__` is a file; "<stdin>" is not."""
+    return file is not None and Path(file).is_file()
 
 
 def code_below(root: Path) -> str:

@@ -187,6 +187,30 @@ def optional(model: object, method: str) -> Any:
     return partial(getattr(StiffnessModel, method), model) if member is None else member
 
 
+def interface_fault(model: object) -> str:
+    """Return why `fit` or `predict` of a model cannot be called by stiffbench; "" if they can."""
+    definitions = {
+        "fit": "fit(self, train, *, robot, validation=None, seed=0)",
+        "predict": "predict(self, q, wrench)",
+    }
+    missing = [name for name in definitions if not callable(getattr(model, name, None))]
+    if missing:
+        valid = " and ".join(definitions[name] for name in missing)
+        return f"has no {' and no '.join(missing)} method (valid: {valid})"
+    for name, definition in definitions.items():
+        options = dict.fromkeys(("robot", "validation", "seed") if name == "fit" else ())
+        arguments = ("train",) if name == "fit" else ("q", "wrench")
+        try:
+            signature = inspect.signature(getattr(model, name))
+        except ValueError:  # an extension module states no signature
+            continue
+        try:
+            signature.bind(*arguments, **options)
+        except TypeError as error:
+            return f"has {name}{signature}: {error} (valid: {definition})"
+    return ""
+
+
 def interval_at_tcp(
     model: StiffnessModel, interval: Interval, q: FloatArray, wrench: FloatArray
 ) -> Interval:

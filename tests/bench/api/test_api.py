@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from sklearn.base import BaseEstimator
+from sklearn.linear_model import Ridge
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 import stiffbench as sb
 from stiff_bench.figures.figure_catalog import FIGURES
@@ -20,9 +25,11 @@ from stiff_bench.plan.registry import registry
 from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,
+    DataError,
     NotFittedError,
     StiffBenchError,
     StiffBenchWarning,
+    StoreError,
 )
 
 
@@ -326,3 +333,112 @@ def test_a_plugins_file_is_named_after_use_plugin(plugin_file, twin):
 def test_every_figure_is_listed_with_what_it_shows():
     rows = {row[0]: row[1] for row in sb.list_figures().tables[0].rows}
     assert rows.keys() == {*FIGURES, *PAPERS} and all(rows.values())
+
+
+class ManyOptions(Halved):
+    def __init__(self, **options) -> None:
+        super().__init__(**options)
+
+
+class LikeAnEstimator(Halved):
+    def fit(self, X, y):
+        return self
+
+
+class vjm(Halved):
+    """A class with the key of a shipped model."""
+
+
+def test_objects_of_classes_and_of_scikit_learn_run_with_their_options_in_the_names(twin):
+    models = [Halved(), Halved(factor=2), sb.make_model(Halved, factor=3.0), Ridge(alpha=0.1)]
+    frame = sb.evaluate(models, twin, splits=1).frame().set_index("model")
+    names = ["Halved", "Halved@factor=2", "Halved@factor=3.0"]
+    assert [*frame.index] == ["vjm", *names, "sklearn:linear_model.Ridge@alpha=0.1"]
+    assert (frame["status"] == "ok").all() and frame["norm_mm"].nunique() == 5
+    assert sb.make_model(Ridge).name == "sklearn:linear_model.Ridge"
+    assert sb.make_model(Halved(factor=2), factor=4.0).name == "Halved@factor=4.0"
+
+
+@pytest.mark.parametrize(
+    ("model", "cause"),
+    [
+        (5, "int is not a model"),
+        (None, "NoneType is not a model"),
+        (ManyOptions(), r"make_model\(ManyOptions"),
+        (Halved(factor=np.ones(2)), r"make_model\(Halved"),
+        (LikeAnEstimator(), r"'LikeAnEstimator' has fit\(X, y\).*fit\(self, train"),
+        (make_pipeline(StandardScaler(), Ridge()), "Pipeline is not a regressor"),
+        (vjm(), "'vjm' is the key of stiffbench"),
+    ],
+)
+def test_what_is_no_model_or_hides_its_options_is_refused_with_what_to_give(model, cause):
+    with pytest.raises(ConfigError, match=cause):
+        sb.make_model(model)
+
+
+def test_a_class_of_a_script_from_standard_input_is_fitted(twin, monkeypatch):
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>", raising=False)
+    local = type("FromInput", (Halved,), {"__module__": "__main__"})
+    frame = sb.evaluate([local, local(factor=2.0)], twin, splits=1).frame()
+    assert [*frame["model"]] == ["vjm", "FromInput", "FromInput@factor=2.0"]
+    assert (frame["status"] == "ok").all()
+
+
+@pytest.mark.parametrize(
+    ("call", "right"),
+    [
+        (lambda data: sb.evaluate("vjm", dataset=data), "did you mean 'datasets'"),
+        (lambda data: sb.evaluate(model="vjm"), "did you mean 'models'"),
+        (lambda data: sb.read_samples("my.csv", robots="ur5"), "did you mean 'robot'"),
+        (lambda data: sb.validate(data), "Dataset is not a file"),
+        (lambda data: sb.validate(data.frame()), "DataFrame is not a file"),
+        (lambda data: sb.read_samples(data.frame(), robot="ur5"), "DataFrame is not a file"),
+        (lambda data: sb.load_model(sb.make_model("vjm")), "Model is not a file"),
+        (lambda data: sb.load_dataset(data), "Dataset is not the name"),
+        (lambda data: sb.Dataset.from_frame("my.csv", data.robot), "str is not a DataFrame"),
+        (lambda data: data["fz_N"], r"frame\(\)\['fz_N'\]"),
+        (lambda data: data[["fz_N", "q1_deg"]], r"frame\(\)\['fz_N', 'q1_deg'\]|frame"),
+    ],
+)
+def test_a_wrong_argument_or_type_is_named_with_the_right_one(twin, call, right):
+    with pytest.raises(ConfigError, match=right):
+        call(twin)
+
+
+def test_a_dataset_names_its_frame_for_what_only_tables_have(twin):
+    with pytest.raises(AttributeError, match=r"frame\(\)\.head"):
+        twin.head()
+    with pytest.raises(AttributeError, match=r"no 'nothing_such'$"):
+        twin.nothing_such()
+
+
+def test_a_model_predicts_a_data_set_of_its_own_robot_only(twin):
+    model = sb.make_model("vjm").fit(twin)
+    q, wrench = twin.samples.q, twin.samples.wrench
+    assert np.array_equal(model.predict(twin), model.predict(q, wrench))
+    same, interval = model.predict_interval(q, wrench), model.predict_interval(twin)
+    assert np.array_equal(interval.lower, same.lower)
+    tool = sb.load_robot("kr10-r1100-2", tcp=(0.0, 0.0, 0.1))
+    for data in (sb.Dataset.from_samples(twin.samples, tool), sb.load_dataset("ur5-twin")):
+        with pytest.raises(ConfigError, match="was fitted to"):
+            model.predict(data)
+    with pytest.raises(ConfigError, match="wrench"):
+        model.predict(twin, wrench)
+
+
+def test_joint_angles_in_degrees_are_refused_with_their_row(twin):
+    degrees = np.degrees(twin.samples.q)
+    row = int(np.argmax((np.abs(degrees) > 6.0 * np.pi).any(axis=1)))
+    with pytest.raises(DataError, match=rf"row {row}, joint .*numpy\.radians"):
+        sb.Dataset.from_samples(replace(twin.samples, q=degrees), twin.robot)
+    with pytest.raises(DataError, match=rf"row {row}, joint .*numpy\.radians"):
+        sb.make_model("vjm").fit(twin).predict(degrees, twin.samples.wrench)
+
+
+def test_results_that_cannot_be_read_say_so_in_their_text_and_name_the_folder_of_a_study(tmp_path):
+    (tmp_path / "runs").mkdir()
+    for folder, cause in [(tmp_path, str(tmp_path / "runs")), (tmp_path / "new", "no such folder")]:
+        results = sb.open_results(folder)
+        assert cause in repr(results) and cause in results._repr_html_()
+        with pytest.raises(StoreError, match=re.escape(cause)):
+            results.frame()

@@ -84,6 +84,14 @@ def test_predictions_are_the_models_in_millimetres_next_to_the_rows(predict, vjm
     np.testing.assert_allclose(table[DEFLECTION] / 1000, np.tile(truth, (2, 1)), rtol=1e-9)
 
 
+def test_other_columns_stay_in_the_predictions_and_earlier_predictions_go(predict, vjm_file):
+    names = f"part,{HEADER},T [C],dx_lower_mm,extrapolates,part"
+    table, _ = predict(names, f'"Träger, links",{ROW},"21,5",7,load,B')
+    assert list(table.columns) == [*HEADER.split(","), "part", "T [C]", "part.1", *PREDICTED]
+    assert table[["part", "T [C]", "part.1"]].iloc[0].tolist() == ["Träger, links", "21,5", "B"]
+    assert table["extrapolates"].isna().all()
+
+
 def test_intervals_of_a_coverage_go_to_standard_output_next_to_the_predictions(vjm_file, tmp_path):
     (tmp_path / "poses.csv").write_text(f"{HEADER}\n{ROW}\n")
     words = ("--input", "poses.csv", "--output", "-", "--coverage", "0.8")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +107,24 @@ def test_what_is_exported_of_a_simulation_never_passes_for_a_measurement(place):
     words = "data register out/kr10-twin.csv --dataset kr10-measured"
     assert_refused(bench_here(*words.split(), cwd=place), "SIMULATED")
     assert "home" not in names(place)
+
+
+def test_the_commands_that_follow_can_be_pasted_and_name_the_robot(place):
+    words = ["data", "export", "my.csv", "--robot", "fanuc-r2000ic", "--no-torque"]
+    printed = bench_here(*words, "--output", "out dir ü", cwd=place).stdout
+    (command,) = (line for line in printed.splitlines() if line.startswith("then run bench"))
+    words = shlex.split(command)[3:]
+    assert words[:3] == ["data", "register", "out dir ü/my.csv"]
+    assert words[3:5] == ["--urdf", "out dir ü/my.urdf"]
+    (place / "a b.csv").write_bytes((place / words[2]).read_bytes())
+    options = [*words[3:], "--pose-tolerance", "0.1"]
+    registered = bench_here("data", "register", "a b.csv", *options, cwd=place)
+    assert registered.returncode == 0, registered.stderr
+    check = re.search(r"which bench (data validate .*) lists", registered.stdout)  # of torques
+    assert check
+    words = shlex.split(check[1])
+    assert words[:3] == ["data", "validate", "a b.csv"] and sorted(words[3:]) == sorted(options)
+    assert "every torque is zero" in bench_here(*words, cwd=place).stdout
 
 
 @pytest.mark.parametrize("word", ["kr10-twin@plan=wide", "fanuc-r2000ic"])

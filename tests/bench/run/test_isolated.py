@@ -18,7 +18,7 @@ from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.run.cell import compute_cell
 from stiff_bench.run.fit_process import Limits
-from stiff_bench.run.isolate import LocalProcesses
+from stiff_bench.run.isolate import SERVER_ENDED, LocalProcesses
 from stiff_bench.store.database import FILE, read_manifests, read_results
 from stiff_models.model_catalog import model_info
 
@@ -96,6 +96,19 @@ def test_a_crash_costs_only_its_own_row(tmp_path):
         "| knn " in done.stdout
         and "FAILED: Segfaults (1 fit): its process was ended" in done.stdout
     )
+
+
+@pytest.mark.slow
+def test_a_fit_that_ends_the_server_of_all_fits_loses_only_its_row(computed):
+    seen, models = RecordingDisplay(), ("Good", "KillsTheServer", "KillsTheGroup")
+    settings = ("Good.seconds=1",)
+    results = [*computed(*models, settings=settings, splits=1, jobs=3, display=seen)[1]]
+    statuses = {result.cell.model: (result.status, result.cause) for result in results}
+    assert statuses == {
+        "Good": ("ok", ""),
+        **dict.fromkeys(models[1:], ("failed", SERVER_ENDED)),
+    }
+    assert len(results) == len(seen.started) == 3
 
 
 @pytest.mark.slow

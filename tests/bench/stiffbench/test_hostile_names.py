@@ -30,6 +30,8 @@ HOSTILE = (
     "![](http://127.0.0.1:9/seen)",
     "`code` ``more``",
     "right\u202eto left",
+    "a\\|b",
+    "\\<script>alert(2)</script>",
 )
 FORMATS = ("github", "latex", "csv", "html", "json")
 OURS = set("p strong table thead tbody tr th td ul li code".split())
@@ -44,9 +46,12 @@ def assert_harmless(text: str, fmt: str) -> None:
         assert HOSTILE[0] in html.unescape(text)
     elif fmt == "github":
         plain = re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)  # code is printed unchanged
-        assert not re.search(r"(?<!\\)<[A-Za-z/!?]|\]\(", plain)
+        assert not re.search(r"(?<!\\)(?:\\\\)*<[A-Za-z/!?]|\]\(", plain)
         for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
-            assert len({len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()}) == 1
+            assert (
+                len({len(re.findall(r"(?<!\\)(?:\\\\)*\|", row)) for row in table.splitlines()})
+                == 1
+            )
     elif fmt == "latex":
         text = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
         commands = set(re.findall(r"(?<!\\)\\([A-Za-z]+)", text))

@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from helpers.command_line import BENCH, bench_here
+from helpers.made_results import MadeResults
 from stiff_bench.store.database import ResultStore, read_manifests, read_results
 from stiff_protocols.contract.errors import ConfigError
 from stiffbench.options import command_line
@@ -64,6 +65,16 @@ def test_a_command_loads_nothing_heavy_that_it_does_not_need(words, heavy, tmp_p
     command = [sys.executable, "-c", IMPORTS, heavy, *words]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("[]")
+
+
+def test_a_board_is_printed_on_a_console_without_its_characters(tmp_path):
+    made = MadeResults(tmp_path / "results")
+    made.add_each({"vjm": [0.1, 0.2], "knn": [0.3, 0.4]}, "twin ≈")
+    command = [BENCH, "leaderboard", "--results", "results", "--format", "github"]
+    env = os.environ | {"PYTHONIOENCODING": "cp1252"}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, env=env, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "twin ?" in done.stdout.decode("cp1252")
 
 
 def test_debug_shows_the_traceback(tmp_path):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import lzma
 import math
+import os
 import signal
 import sqlite3
 import subprocess
@@ -14,6 +16,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+import orjson
 import pytest
 
 from helpers.compared_results import made_data
@@ -36,7 +39,7 @@ from stiff_bench.store.database import (
 from stiff_bench.store.names import Variant, without_options
 from stiff_bench.store.samples import what_differs
 from stiff_datasets.robots.shipped_robots import shipped_robot, shipped_robots
-from stiff_protocols.contract.errors import StoreError
+from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
 
@@ -309,6 +312,149 @@ def test_packed_results_are_read_and_written_to_as_others(tmp_path):
     (tmp_path / FILE).unlink()
     MadeResults(tmp_path).add("knn", [0.3])
     assert len(read_results(tmp_path)) == len(before) + 1
+
+
+def test_a_packed_file_that_unpacks_without_end_is_refused_and_leaves_no_file(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr("stiff_bench.store.database._LEAST_UNPACKED", 2**20)
+    (tmp_path / PACKED).write_bytes(lzma.compress(bytes(2**22)))
+    with pytest.raises(StoreError, match=f"{PACKED}.*{2**20} bytes"):
+        read_results(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [PACKED]
+
+
+def test_a_pipe_in_the_place_of_the_packed_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / PACKED)
+    with pytest.raises(StoreError, match=PACKED):
+        read_results(tmp_path)
+
+
+ADDED = {
+    "trigger": "CREATE TRIGGER x AFTER INSERT ON run BEGIN DELETE FROM cell; END",
+    "view": "CREATE VIEW x AS SELECT * FROM cell",
+    "index": "CREATE INDEX x ON cell (abs(fit_s))",
+    "virtual table": "CREATE VIRTUAL TABLE x USING fts5(a)",
+    "table": "CREATE TABLE x (a)",
+    "generated column": "ALTER TABLE run ADD COLUMN x AS (abs(wall_s))",
+    "missing column": "ALTER TABLE cell DROP COLUMN fit_s",
+}
+
+
+@pytest.mark.parametrize("kind", ADDED)
+def test_a_file_with_more_or_less_than_our_tables_is_refused_and_nothing_of_it_runs(kind, tmp_path):
+    ResultStore(tmp_path).write_cells([result()])
+    change(tmp_path, ADDED[kind])
+    before = (tmp_path / FILE).read_bytes()
+    for attempt in (read_results, read_manifests, stored_statuses, mean_seconds, ResultStore):
+        with pytest.raises(StoreError, match=f"{FILE}: corrupt: "):
+            attempt(tmp_path)
+    assert (tmp_path / FILE).read_bytes() == before
+
+
+def forge(folder: Path, **columns: object) -> None:
+    """Replace columns of every cell, with the checksum of the new row."""
+    with closing(sqlite3.connect(folder / FILE)) as db, db:
+        db.row_factory = sqlite3.Row
+        for row in db.execute("SELECT * FROM cell").fetchall():
+            *values, numbers, _ = (dict(row) | columns).values()
+            sha256 = hashlib.sha256(orjson.dumps(values) + b"\0" + numbers).hexdigest()
+            db.execute("DELETE FROM cell WHERE rowid = (SELECT min(rowid) FROM cell)")
+            row = [*values, numbers, sha256]
+            db.execute(f"INSERT INTO cell VALUES ({', '.join('?' * len(row))})", row)
+
+
+SHAPES = '{"rows":[1],"predicted":[1,3],"measured":[1,3]}'
+
+
+def numbers(rows: object = 4.0, predicted: object = 0.0) -> bytes:
+    """Return the bytes of a row number, a prediction and a measurement."""
+    return np.array([rows, predicted, *[0.0] * 5], "<f8").tobytes()
+
+
+FORGED = {
+    **{f"about {text}": {"about": text} for text in ("[]", "null", '{"x":1}', '{"log":5}', "1")},
+    "about of any depth": {"about": "[" * 200_000 + "]" * 200_000},
+    "deep option": {"model_params": '{"a":' + "[" * 900 + "]" * 900 + "}"},
+    **{f"shown {text}": {"shown": text} for text in ("{}", "[]", '{"kind":1}')},
+    "params": {"model_params": '"x"'},
+    **{f"arrays {text}": {"arrays": text} for text in ('{"rows":[-1]}', '{"rows":[10]}', "{}")},
+    "shape": {"arrays": SHAPES.replace("[1]", "[1,1]"), "numbers": numbers()},
+    "huge": {"arrays": '{"rows":[99999999999]}'},
+    "unknown array": {"arrays": SHAPES.replace("measured", "stolen"), "numbers": numbers()},
+    "bytes left": {"arrays": SHAPES, "numbers": numbers() + bytes(8)},
+    **{
+        f"row {row}": {"arrays": SHAPES, "numbers": numbers(row)}
+        for row in (-1.0, 0.5, 1e18, math.nan, math.inf)
+    },
+    "NaN": {"arrays": SHAPES, "numbers": numbers(4, math.nan)},
+    **{
+        f"{name} {value}": {name: value}
+        for name, value in (
+            *(("model", None), ("status", "yes"), ("status", "failed"), ("n_splits", -5)),
+            *(("n_train", "many"), ("fit_s", "abc"), ("fit_s", -1e308), ("fit_s", math.inf)),
+            *(("predict_s", None), ("coverage", 7.0), ("split_index", 8), ("key", "other")),
+        )
+    },
+}
+
+
+@pytest.mark.parametrize("kind", FORGED)
+def test_a_crafted_cell_with_a_right_checksum_is_named_with_its_file(kind, tmp_path):
+    ResultStore(tmp_path).write_cells([result()])
+    forge(tmp_path)
+    assert only(tmp_path).status == "ok"
+    forge(tmp_path, **FORGED[kind])
+    with pytest.raises(StoreError, match=f"{FILE}: corrupt: cell ({CELL.key}|other): ") as caught:
+        read_results(tmp_path)
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize(
+    "crafted", ["environment = '[]'", "cells = '5'", "machines = '0'", "command = NULL"]
+)
+def test_a_crafted_run_is_named_with_its_file(crafted, tmp_path):
+    ResultStore(tmp_path).write_manifest(MANIFEST)
+    change(tmp_path, f"UPDATE run SET {crafted}")
+    with pytest.raises(StoreError, match=f"{FILE}: corrupt: run {MANIFEST.run_id}: "):
+        read_manifests(tmp_path)
+
+
+def test_rows_larger_than_their_file_are_refused(tmp_path, monkeypatch):
+    store = ResultStore(tmp_path)
+    store.write_cells(result(cell=replace(CELL, split_index=index)) for index in range(9))
+    size = (tmp_path / FILE).stat().st_size
+    for spare in (2000 - size, 10 - size):  # all rows; one row
+        monkeypatch.setattr("stiff_bench.store.database._SPARE", spare)
+        with pytest.raises(StoreError, match=FILE):
+            read_results(tmp_path)
+
+
+def test_a_row_that_its_data_set_does_not_have_is_refused_with_the_data(tmp_path):
+    made = MadeResults(tmp_path)
+    (key,) = made.add("vjm", [0.1])
+    sha256 = only(tmp_path).cell.data_sha256
+    assert len(read_data(tmp_path, sha256).samples) == 12
+    forge(tmp_path, arrays=SHAPES, numbers=numbers(12))
+    with pytest.raises(StoreError, match=f"{FILE}: corrupt: .*{key} has row 12 of 12"):
+        read_data(tmp_path, sha256)
+
+
+def test_a_data_set_that_unpacks_without_end_is_refused(fanuc, monkeypatch):
+    content = data_content(fanuc)
+    monkeypatch.setattr("stiff_bench.store.database._LEAST_UNPACKED", 10)
+    monkeypatch.setattr("stiff_bench.store.database._MOST_PACKED", 1)
+    with pytest.raises(DataError, match="unpack to"):
+        stored_data(content)
+
+
+def test_a_journal_that_names_a_file_to_delete_is_refused(tmp_path):
+    ResultStore(tmp_path)
+    journal = tmp_path / f"{FILE}-journal"
+    journal.write_bytes(bytes(512) + bytes.fromhex("d9d505f920a163d7"))
+    for attempt in (read_results, ResultStore):
+        with pytest.raises(StoreError, match="journal: corrupt"):
+            attempt(tmp_path)
 
 
 def test_a_damaged_packed_file_is_refused_and_leaves_no_file(tmp_path):

@@ -6,11 +6,14 @@ import csv
 import io
 import json
 import math
+import shutil
+import subprocess
 
 import pandas as pd
+import pytest
 
 from stiff_bench.tables.table import VALUE_FIELDS, Column, Name, Quantity, Table
-from stiff_bench.tables.writers import plain_text, render
+from stiff_bench.tables.writers import latex_text, plain_text, render
 
 SMALL = Table(
     "small | mm",
@@ -97,6 +100,25 @@ def test_latex_aligns_plain_numbers_and_braces_others_beneath_the_names_of_their
     many = render([grouped(4)], "latex", "bench", text="what matters")  # below each other
     parts = (r"\begin{tabular}", r"\begin{table}", r"X & ", "what matters")
     assert [many.count(part) for part in parts] == [4, 1, 4, 1]
+
+
+def test_latex_keeps_double_hyphens_of_options_and_prints_minus_signs():
+    assert latex_text("from -0.5 to 2 [-1] on kr10-twin, 2026-11-28: `bench run --tcp -1`") == (
+        r"from $-$0.5 to 2 {[}$-$1] on kr10-twin, 2026-11-28: \texttt{bench run -{}-tcp -1}"
+    )
+    text = render([SMALL], "latex", "bench table 4 --format latex")
+    assert r"\texttt{bench table 4 -{}-format latex}" in text
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
+def test_latex_tables_compile_within_the_text(tmp_path):
+    packages = "".join(rf"\usepackage{{{name}}}" for name in ("booktabs", "graphicx", "siunitx"))
+    body = render([SMALL, grouped(2), grouped(4)], "latex", "bench run --model vjm")
+    document = rf"\documentclass{{article}}{packages}\begin{{document}}{body}\end{{document}}"
+    (tmp_path / "tables.tex").write_text(document, encoding="utf-8")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "tables.tex"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=60)
+    assert "Overfull" not in (tmp_path / "tables.log").read_text(errors="replace")
 
 
 def grouped(n_groups: int) -> Table:

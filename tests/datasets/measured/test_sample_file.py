@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from helpers.made_robots import planar_arm
+from helpers.made_robots import planar_arm, random_chain
 from helpers.made_samples import CSV_HEADER as HEADER
 from helpers.made_samples import CSV_ROW as GOOD
 from stiff_datasets.measured.sample_file import read_samples
@@ -228,7 +228,7 @@ def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, l
         ("my.xlsx", HEADER.encode(), "not an Excel file"),
         ("my.csv", bytes(range(256)), r"not a text in UTF-8 or UTF-16 \(byte 0x"),
         ("my.csv", f"{HEADER}\n{GOOD}\n".encode("utf-32"), "not a CSV table in UTF-8 or UTF-16"),
-        ("my.csv", f"# Prüfstand 2\n{HEADER}\n".encode("cp1252"), ".*save it as 'CSV UTF-8'"),
+        ("my.csv", f"# \x02 Prüfstand\n{HEADER}\n".encode("cp1252"), ".*save it as 'CSV UTF-8'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -247,3 +247,24 @@ def test_a_prismatic_joints_column_is_in_millimetres(tmp_path):
     assert read_samples(write(tmp_path, header, row), robot).q.tolist() == [[1.5]]
     with pytest.raises(DataError, match=r"column q1_mm: '2500', expected 0..2000 mm"):
         read_samples(write(tmp_path, header, row.replace("1500", "2500")), robot)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "tip", "still"),
+    [
+        (("prismatic", *["revolute"] * 6), False, True),
+        (("revolute",) * 6 + ("prismatic",), True, False),
+        (("revolute",) * 7, True, True),
+    ],
+)
+def test_a_file_with_fewer_joints_than_the_chain_names_them_and_what_to_do(
+    tmp_path, rng, kinds, tip, still
+):
+    path = tmp_path / "my.csv"
+    path.write_text(f"{HEADER}\n{GOOD}\n")
+    with pytest.raises(DataError) as error:
+        read_samples(path, random_chain(rng, kinds))
+    message = str(error.value)
+    assert "6 joints" in message and "7 (j1, j2, j3, j4, j5, j6, j7)" in message
+    assert ("--tip" in message and "'j7'" in message) == tip
+    assert ("if j1 stood still" in message) == still

@@ -83,6 +83,14 @@ def test_a_wrench_in_the_tool_frame_with_other_axes_is_named(measurement):
     assert only(report.warnings, f"wrench looks as if it were {words}")
 
 
+@pytest.mark.parametrize(("factor", "unit"), [(1000.0, "grams"), (0.001, "tonnes")])
+def test_masses_in_another_unit_are_named_and_no_other_unit_is_blamed(twin, tmp_path, factor, unit):
+    robot = dataclasses.replace(twin.robot, masses=factor * twin.robot.masses)
+    report = Measurement(twin.samples.take(np.arange(60)), robot, tmp_path / "my.csv").report()
+    assert only(report.warnings, unit)
+    assert not any("as is usual" in message for message in messages(report.warnings))
+
+
 SLIPS = {
     "ten times too large": np.full(3, 10.0),
     "of the opposite sign": np.full(3, -1.0),

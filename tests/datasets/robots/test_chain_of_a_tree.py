@@ -60,6 +60,68 @@ def test_the_longest_chain_without_fingers_is_taken_and_the_rest_is_noted(
     assert all("made.urdf" in note for note in chain.notes)
 
 
+CAMERA = "\na6 camera fixed x=0.2\ncamera lens fixed x=0.3\nlens lens_frame fixed"
+
+
+@pytest.mark.parametrize(
+    ("joints", "tip"),
+    [
+        ("\na6 link_7 fixed z=0.107\na6 link_6_sc fixed", "link_7"),
+        ("\na6 link_6_sc fixed z=0.3\na6 link_7 fixed z=0.107", "link_7"),
+        ("\na6 helper fixed\nhelper deeper fixed\na6 link_7 fixed z=0.107", "link_7"),
+        ("\na6 link_7 fixed x=0.107\nlink_7 link_7_inertia fixed z=0.4", "link_7"),
+        ("\na6 link_7 fixed x=0.107\nlink_7 Collision_7 fixed z=0.4", "link_7"),
+        (f"\na6 link_7 fixed z=0.107{CAMERA}", "link_7"),
+        ("\na6 a6_visual fixed\na6_visual mark fixed", "a6"),
+        ("\na6 sensor fixed\nsensor a7 revolute", "a7"),
+    ],
+)
+def test_the_tip_is_the_end_farthest_out_and_never_a_helper_link(tmp_path, joints, tip):
+    chain = chain_of(tmp_path, ARM + joints)
+    model = pin.buildModelFromUrdf(str(tmp_path / "made.urdf"))
+    place = model.frames[model.getFrameId(tip, pin.FrameType.BODY)].placement
+    np.testing.assert_allclose(chain.robot.tcp, place.translation, atol=1e-12)
+    if tip != "a7":  # the only end with seven joints
+        assert f"'{tip}'" in chain.notes[0] and "--tip LINK" in chain.notes[0]
+
+
+def test_a_joint_that_slides_a_gripper_is_locked_and_a_short_last_slide_is_noted(tmp_path):
+    slide = "\na6 flange fixed z=0.1\nflange {} prismatic axis=y"
+    chain = chain_of(tmp_path, ARM + slide.format("gripper"))
+    assert names(chain) == arm_names(6)
+    assert "'flange'" in chain.notes[0] and "to_gripper" in chain.notes[1]
+    chain = chain_of(tmp_path, ARM + slide.format("quill"))
+    assert names(chain)[-1] == "to_quill"
+    assert any("'to_quill'" in note and "--tip flange" in note for note in chain.notes)
+    assert chain_of(tmp_path, ARM + slide.format("quill") + " limits=0..0.3").notes == ()
+
+
+def test_mimic_joints_off_the_chain_are_named_with_the_joint_that_they_follow(tmp_path):
+    notes = chain_of(tmp_path, f"{ARM}\na1 rod revolute mimic=to_a2").notes
+    assert any("to_rod (mimics to_a2)" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("link", "name"), [("a6", "side"), ("a3", "a2"), ("base", "a1"), ("universe", "a1")]
+)
+def test_a_link_with_a_joints_name_is_read_as_pinocchio_reads_it(tmp_path, rng, link, name):
+    path = tree_urdf(tmp_path / "made.urdf", f"{ARM}\na2 side revolute axis=y x=0.1")
+    text = path.read_text().replace(f'"to_{name}"', f'"{link}"')
+    if link == "universe":
+        text = path.read_text().replace('"base"', '"universe"')
+    path.write_text(text)
+    robot, model = read_chain(path).robot, pin.buildModelFromUrdf(str(path))
+    q = rng.uniform(-1.0, 1.0, size=6)
+    positions = pin.neutral(model)
+    for joint_name, value in zip(robot.joint_names, q, strict=True):
+        positions[model.joints[model.getJointId(joint_name)].idx_q] = value
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, positions)
+    tip = data.oMf[model.getFrameId("a6", pin.FrameType.BODY)].translation
+    np.testing.assert_allclose(robot.tcp_position(q[None])[0], tip, atol=1e-12)
+    assert robot.masses.sum() == pytest.approx(7.0)
+
+
 def test_a_given_tip_is_taken_without_a_note_about_the_choice(tmp_path):
     (note,) = chain_of(tmp_path, MOBILE, tip="head2").notes
     assert "locked at zero" in note and "to_a1" in note and "more" in note
@@ -96,6 +158,7 @@ def test_what_hangs_off_the_chain_is_part_of_its_links_as_in_pinocchio(tmp_path,
         (f"base b floating\n{arm_lines('b', 'a', 3)}", None, DataError, ["to_b", "6 degrees"]),
         (f"base b planar\n{arm_lines('b', 'a', 3)}", None, DataError, ["to_b", "3 degrees"]),
         (ARM + "\na6 b revolute mimic=to_a2\nb tool0 fixed", None, DataError, ["to_b", "mimic"]),
+        ("base a1 revolute\na1 a2 revolute\na1 a2 revolute", None, DataError, ["'a2'"]),
     ],
 )
 def test_a_chain_that_cannot_be_one_is_refused_by_name(tmp_path, joints, tip, error, parts):

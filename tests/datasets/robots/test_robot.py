@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from helpers.made_robots import arm_lines, tree_urdf
 from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_datasets.robots.urdf_reader import read_chain, read_robot
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
 
 def joint(parent="base", child="l1", kind="revolute", inside=""):
@@ -75,6 +76,8 @@ def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped
             joint() + joint("l1", "l2", inside='<mimic joint="to_l1"/>'),
             "joint 'to_l2' on the chain to 'l2' is a mimic joint, which follows 'to_l1'",
         ),
+        (joint() + joint("l1", "l2").replace("to_l2", "to_l1"), "joint 'to_l1' is not unique"),
+        (joint().replace("to_l1", "universe"), "joint 'universe'"),
         (joint(kind="prismatic").replace('"-1"', '"0"').replace('"1"', '"0"'), "limits 0..0"),
         # what would end the parser's stack or the memory
         (
@@ -127,3 +130,23 @@ def test_a_mass_that_is_none_does_not_leave_the_link_weightless(tmp_path, mass, 
     body = joint().replace('<link name="l1"/>', WEIGHT.format(mass))
     with pytest.raises(DataError, match=rf"robot\.urdf: .*{message}"):
         read_robot(urdf(tmp_path, body))
+
+
+def weighing_arm(tmp_path, factor):
+    """Return the file of an arm with links of 20 kg, in kg / `factor`."""
+    path = tree_urdf(tmp_path / "arm.urdf", arm_lines("base", "a", 6))
+    path.write_text(path.read_text().replace('mass value="1"', f'mass value="{20.0 * factor}"'))
+    return path
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000.0, "grams"), (0.001, "tonnes")])
+def test_masses_in_another_unit_are_asked_about_whoever_reads_them(tmp_path, factor, unit):
+    path = weighing_arm(tmp_path, factor)
+    with pytest.warns(StiffBenchWarning, match=rf"arm\.urdf: .* {120.0 * factor:.8g} kg.*{unit}"):
+        robot = read_robot(path)
+    assert unit in robot.mass_doubt
+
+
+def test_usual_masses_cause_no_question(tmp_path):
+    assert read_robot(weighing_arm(tmp_path, 1.0)).mass_doubt == ""
+    assert not any(shipped.robot().mass_doubt for shipped in shipped_robots().values())

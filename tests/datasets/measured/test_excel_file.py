@@ -1,0 +1,132 @@
+"""Check Excel files: formulas, errors, merged cells, far cells, and files that grow."""
+
+from __future__ import annotations
+
+import functools
+import io
+import re
+import time
+import zipfile
+
+import numpy as np
+import pytest
+
+from helpers.made_samples import CSV_HEADER as HEADER
+from helpers.made_samples import CSV_ROW as GOOD
+from stiff_datasets.measured.excel_file import MAX_CELLS, MAX_UNPACKED_BYTES
+from stiff_datasets.measured.sample_file import read_samples
+from stiff_datasets.measured.validation_report import validate
+from stiff_protocols.contract.errors import DataError
+
+openpyxl = pytest.importorskip("openpyxl")
+NAMES, CELLS = HEADER.split(","), ["P1", "1", "all", *map(float, GOOD.split(",")[3:])]
+SHEET = "xl/worksheets/sheet1.xml"
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*(no pose_id|name 1 pose|above the header)")
+
+
+@pytest.fixture()
+def book(tmp_path):
+    """Return a function that writes rows, then changes of cells and of the sheet's XML."""
+
+    def write(*rows, cells=None, xml=None):
+        workbook, path = openpyxl.Workbook(), tmp_path / "my.xlsx"
+        for row in rows or (NAMES, CELLS, ["P2", *CELLS[1:]]):
+            workbook.active.append(row)
+        for place, value in (cells or {}).items():
+            workbook.active[place] = value
+        content = io.BytesIO()
+        workbook.save(content)
+        with zipfile.ZipFile(content) as source, zipfile.ZipFile(path, "w", 8) as target:
+            for name in source.namelist():
+                text = source.read(name)
+                target.writestr(name, xml(text) if xml and name == SHEET else text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("place", ["P3", "J3", "D3", "A3"])
+def test_a_formula_without_its_value_is_named_with_what_to_do(book, kr10, place):
+    path = book(cells={place: "=X3-M3"})
+    column = NAMES[ord(place[0]) - ord("A")]
+    with pytest.raises(DataError, match=rf"row 3, column {column}: '=X3-M3'.*save .* in Excel"):
+        read_samples(path, kr10)
+
+
+def test_columns_of_formulas_without_values_are_no_plan(book, kr10):
+    path = book(cells={f"{column}{row}": "=Z1" for column in "PQR" for row in (2, 3)})
+    report = validate(path, kr10)
+    assert [finding.rows for finding in report.errors] == [(2, 3)] * 3
+    assert not any("plan" in finding.message for finding in report.errors)
+
+
+def test_a_formula_with_its_value_is_read_and_one_with_an_empty_value_is_empty(book, kr10):
+    stored = functools.partial(re.sub, rb"<f>1\+1</f><v ?/?>(</v>)?", b"<f>1+1</f><v>2</v>")
+    path = book(cells={"P2": "=1+1"}, xml=stored)
+    assert read_samples(path, kr10).deflection[0, 0] == pytest.approx(0.002)
+    cells = {f"{column}{row}": "=1+1" for column in "PQR" for row in (2, 3)}
+
+    def computed(text):
+        for place in cells:
+            text = text.replace(f'<c r="{place}"'.encode(), f'<c r="{place}" t="str"'.encode())
+        return text
+
+    with pytest.raises(DataError, match="plan not filled in yet"):
+        read_samples(book(cells=cells, xml=computed), kr10)
+
+
+@pytest.mark.parametrize("error", ["#DIV/0!", "#N/A", "#REF!", "#VALUE!", "#NAME?", "#NUM!"])
+def test_an_error_is_shown_with_its_text_row_and_column(book, kr10, error):
+    with pytest.raises(DataError, match=rf"row 3, column dx_mm: '{error}'".replace("?", r"\?")):
+        read_samples(book(cells={"P3": error}), kr10)
+    first = book(NAMES[3:], CELLS[3:], [error, *CELLS[4:]])
+    with pytest.raises(DataError, match=rf"row 3, column q1_deg: '{error}'".replace("?", r"\?")):
+        read_samples(first, kr10)
+
+
+def test_merged_cells_above_positions_say_which_are_loaded(book, kr10):
+    above = ["Achswinkel [°]", *[None] * 5, "Last [N, Nm]", *[None] * 5]
+    above += ["unbelastet [mm]", None, None, "belastet [mm]", None, None]
+    header = ["A1", "A2", "A3", "A4", "A5", "A6", "Fx", "Fy", "Fz", "Mx", "My", "Mz", *"XYZXYZ"]
+    row = [*CELLS[3:15], 100.0, 200.0, 300.0, 100.5, 200.1, 299.1]
+    samples = read_samples(book(above, header, row), kr10)
+    np.testing.assert_allclose(1000.0 * samples.deflection[0], [0.5, 0.1, -0.9])
+    with pytest.raises(DataError, match="X, Y, Z stand twice"):
+        read_samples(book(header, row), kr10)
+
+
+def test_a_number_too_large_for_a_computer_is_refused(book, kr10):
+    for number in (b"1e400", b"9" * 400):
+        path = book(xml=functools.partial(re.sub, b"<v>50</v>", b"<v>%s</v>" % number))
+        with pytest.raises(DataError, match="row 2, column fx_N"):
+            read_samples(path, kr10)
+
+
+def test_a_far_cell_is_named_and_costs_nothing(book, kr10):
+    begin = time.process_time()
+    with pytest.raises(DataError, match="row 1048576"):
+        read_samples(book(cells={"XFD1048576": 1}), kr10)
+    assert time.process_time() - begin < 10.0
+
+
+def repeated(text, part, n):
+    return text.replace(b"</sheetData>", part * n + b"</sheetData>")
+
+
+@pytest.mark.parametrize(
+    ("part", "n"),
+    [
+        (b" " * 2**20, MAX_UNPACKED_BYTES // 2**20),
+        (b"<row><c><v>1</v></c></row>" * 1000, MAX_CELLS // 1400),
+        (b'<row r="99999999999"><c><v>1</v></c></row>', 1),
+        (b'<row><c r="XFD9"><v>1</v></c></row>', 100),
+    ],
+    ids=["blanks", "rows", "far row", "wide rows"],
+)
+def test_a_file_that_grows_when_it_is_unpacked_is_refused_at_once(book, kr10, part, n):
+    path = book(xml=lambda text: repeated(text, part, n))
+    begin = time.process_time()
+    with pytest.raises(DataError, match=r"my\.xlsx: "):
+        read_samples(path, kr10)
+    assert time.process_time() - begin < 10.0
