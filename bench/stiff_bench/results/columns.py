@@ -299,11 +299,11 @@ def _control_table(pairs: Sequence[Row]) -> Table:
         "Models against their physics model or teacher",
         [
             *(MODEL_KEY, Column("against", "text", value=itemgetter("control"))),
-            *(_number_column("error ratio", "ratio"), RATIO_INTERVAL, Column("p", format=".2g")),
+            *(_number_column("error ratio", "ratio"), RATIO_INTERVAL),
             Column("equal", "text", value=lambda row: "yes" if row["equal"] else "no"),
         ],
         pairs,
-        [f"equal: within {EQUAL_TEXT} (two one-sided t tests); p: sign flips over robots, Holm."],
+        [f"equal: within {EQUAL_TEXT} (two one-sided t tests)."],
         about={"table": "controls"},
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import re
-import time
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -16,7 +16,7 @@ from helpers.made_samples import CSV_ROW as GOOD
 from stiff_datasets.measured.excel_file import MAX_CELLS, MAX_UNPACKED_BYTES
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.validation_report import validate
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
 openpyxl = pytest.importorskip("openpyxl")
 NAMES, CELLS = HEADER.split(","), ["P1", "1", "all", *map(float, GOOD.split(",")[3:])]
@@ -90,7 +90,8 @@ def test_merged_cells_above_positions_say_which_are_loaded(book, kr10):
     above += ["unbelastet [mm]", None, None, "belastet [mm]", None, None]
     header = ["A1", "A2", "A3", "A4", "A5", "A6", "Fx", "Fy", "Fz", "Mx", "My", "Mz", *"XYZXYZ"]
     row = [*CELLS[3:15], 100.0, 200.0, 300.0, 100.5, 200.1, 299.1]
-    samples = read_samples(book(above, header, row), kr10)
+    with pytest.warns(StiffBenchWarning, match="deflections are belastet X .mm. - unbelastet X"):
+        samples = read_samples(book(above, header, row), kr10)
     np.testing.assert_allclose(1000.0 * samples.deflection[0], [0.5, 0.1, -0.9])
     with pytest.raises(DataError, match="X, Y, Z stand twice"):
         read_samples(book(header, row), kr10)
@@ -103,11 +104,14 @@ def test_a_number_too_large_for_a_computer_is_refused(book, kr10):
             read_samples(path, kr10)
 
 
-def test_a_far_cell_is_named_and_costs_nothing(book, kr10):
-    begin = time.process_time()
+def test_a_far_cell_is_named_and_needs_little_memory(book, kr10):
+    path = book(cells={"XFD1048576": 1})
+    tracemalloc.start()
     with pytest.raises(DataError, match="row 1048576"):
-        read_samples(book(cells={"XFD1048576": 1}), kr10)
-    assert time.process_time() - begin < 10.0
+        read_samples(path, kr10)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2**28
 
 
 def repeated(text, part, n):
@@ -124,9 +128,7 @@ def repeated(text, part, n):
     ],
     ids=["blanks", "rows", "far row", "wide rows"],
 )
-def test_a_file_that_grows_when_it_is_unpacked_is_refused_at_once(book, kr10, part, n):
+def test_a_file_that_grows_when_it_is_unpacked_is_refused(book, kr10, part, n):
     path = book(xml=lambda text: repeated(text, part, n))
-    begin = time.process_time()
     with pytest.raises(DataError, match=r"my\.xlsx: "):
         read_samples(path, kr10)
-    assert time.process_time() - begin < 10.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from io import StringIO
 
 import numpy as np
@@ -197,9 +196,7 @@ LONG = 400_000
         *("names", "cells", "names between blanks"),
     ],
 )
-def test_enormous_lines_take_no_more_than_seconds(read, text):
-    begin = time.process_time()
+def test_enormous_lines_are_refused_in_a_short_error(read, text):
     with pytest.raises(DataError) as error:
         read(text)
-    assert time.process_time() - begin < 5.0
     assert len(str(error.value)) < 3000

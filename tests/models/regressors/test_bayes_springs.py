@@ -94,8 +94,8 @@ def test_it_is_better_than_linear_springs_on_gears_and_finds_no_soft_parts_there
     report = model.diagnostics_
     total = np.linalg.norm(train.deflection, axis=1).mean() * 1e3
     for name in ("couplings", "base", "links, slides", "links, bending", "joint angles"):
-        assert report[f"{name} [mm]"] < 0.01 * total
-    assert report["joints [mm]"] > 0.3 * total
+        assert report[f"contribution of {name} [mm]"] < 0.01 * total
+    assert report["contribution of joints [mm]"] > 0.3 * total
 
 
 def test_a_planted_force_point_is_found_and_left_out_of_predictions(clean):
