@@ -24,6 +24,8 @@ LAPACK may divide a solve by the threads on some machines."""
 PRE_TRAINED, PRE_TRAINED_TOLERANCE_M = ("mlp-pretrained", "ft-mlp", "deep-ensemble"), 1e-7
 """Some processors divide a pre-training's products in single precision by the threads. An Intel
 Xeon of family 6, model 167 gave differences of 5e-9 m; others gave none."""
+SEARCHED, SEARCHED_TOLERANCE_M = ("bayes-springs",), 1e-9
+"""A search for scales amplifies a rounding difference of the threads; seen: 5e-11 m."""
 CONVOLUTION_TOLERANCE_M = 2e-5
 """oneDNN sums a convolution's gradients per thread, and a training amplifies the differences to
 0.003 mm after these few steps."""
@@ -96,6 +98,7 @@ def test_every_model_predicts_the_same_in_another_process_order_and_number_of_th
         pytest.skip(model_info(key).missing())
     tolerance = CONVOLUTION_TOLERANCE_M if key == "dt-cnn" else TOLERANCE_M
     tolerance = PRE_TRAINED_TOLERANCE_M if key in PRE_TRAINED else tolerance
+    tolerance = SEARCHED_TOLERANCE_M if key in SEARCHED else tolerance
     expected, actual = process_predictions(*REFERENCE)[key], process_predictions(*process)[key]
     tolerance = tolerance if process == MORE_THREADS else 0.0
     np.testing.assert_allclose(actual, expected, rtol=0.0, atol=tolerance)
