@@ -53,10 +53,8 @@ FIRST_NOISE, MOST_NOISE, MOST_SHARE = 3.0, 10.0, 0.3
 WEIGHT_STEP = 0.05
 ROWS = 2048
 """Predictions computed together."""
-LEAST_CONTRIBUTION = 1e-3
-"""mm; a group that moves the TCP less is not found."""
-DRAWS = 200
-"""Draws of the coefficients for the interval of a group's contribution."""
+LEAST_CONTRIBUTION, DRAWS = 1e-3, 200
+"""mm: a group that moves the TCP less is not found; draws for a contribution's interval."""
 TAIL, NORMAL_TAIL = 0.9, 1.6448536269514722
 """Coverage of printed intervals, and the half width of a normal one in standard deviations."""
 
