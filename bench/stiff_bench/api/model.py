@@ -51,7 +51,7 @@ from stiff_protocols.contract.types import (
 )
 from stiff_protocols.scoring.conformal import calibration_samples_needed, conformal_interval
 from stiff_protocols.scoring.cross_validated import CrossValidatedError
-from stiff_protocols.springs.identification import CONTRIBUTION, LOST_MOTION
+from stiff_protocols.springs.identification import CONTRIBUTION, HIGH_END, LOST_MOTION, LOW_END
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -439,9 +439,10 @@ class Model(ShownObject):
             of_name = name.replace(" standard error", "")
             if of_name != name and of_name in texts:
                 texts[of_name] += f" ± {texts.pop(name)} (standard error)"
-            of_name, other_end = name.replace(LOW_END, ""), name.replace(LOW_END, HIGH_END)
+            of_name = name.replace(f" {LOW_END}", "")
             if of_name != name and of_name in texts:
-                ends = f"{texts.pop(name)} to {texts.pop(other_end)}"
+                high = texts.pop(name.replace(LOW_END, HIGH_END))
+                ends = f"{texts.pop(name)} to {high}"
                 texts[of_name] += f" (90 % interval {ends})"
         return [*lines, *(f"- {name}: {text}" for name, text in texts.items())]
 
@@ -670,7 +671,6 @@ def wrap_model_errors(
 
 
 SPRING_INTERVAL = 0.9
-LOW_END, HIGH_END = " 90 % interval from", " 90 % interval to"
 
 
 def _number_text(name: str, value: float) -> str:

@@ -266,9 +266,8 @@ def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArr
         return sheet, measured_mm
     unloaded, loaded = np.split(measured_mm, 2, axis=1)
     with np.errstate(over="ignore"):  # such positions are refused
-        deflection_mm = np.round(
-            loaded - unloaded, DECIMALS
-        )  # positions are exact to a share of 1e-13
+        # positions are exact to a share of 1e-13
+        deflection_mm = np.round(loaded - unloaded, DECIMALS)
     parts = (DEFLECTION_COLUMNS, LOADED_COLUMNS, UNLOADED_COLUMNS)
     names = {
         column: " - ".join(sheet.headers.get(position, position) for position in positions)

@@ -30,7 +30,11 @@ from scipy.special import ndtri
 from stiff_models.fitted_model import FittedModel
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
-from stiff_protocols.springs.identification import LEAST_NOISE, least_compliance
+from stiff_protocols.springs.identification import (
+    LEAST_NOISE,
+    least_compliance,
+    number_with_interval,
+)
 
 Tcp = Literal["given", "fit", "prior"]
 Lever = Literal["given", "fit"]
@@ -98,13 +102,9 @@ class Geometry:
         """Return the fitted point with 90 % intervals and its distance from the given one, mm."""
         word = "force" if self.lever.any() else "TCP"
         numbers: dict[str, float] = {}
-        for axis, value, (low, high) in zip(
-            "xyz", self.point_on_flange, self.interval(), strict=True
-        ):
+        for axis, value, ends in zip("xyz", self.point_on_flange, self.interval(), strict=True):
             name = f"fitted geometry, {word} {axis}"
-            numbers[f"{name} [mm]"] = 1e3 * float(value)
-            numbers[f"{name} 90 % interval from [mm]"] = 1e3 * float(low)
-            numbers[f"{name} 90 % interval to [mm]"] = 1e3 * float(high)
+            numbers |= number_with_interval(name, "mm", 1e3 * value, 1e3 * ends)
         distance = float(np.linalg.norm(self.point - self.given))
         return numbers | {f"fitted geometry, {word} from the given [mm]": 1e3 * distance}
 
@@ -323,10 +323,14 @@ class GeometryModel(FittedModel):
         return self._deflection(self.robot_, q, wrench) if len(q) else np.empty((0, 3))
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        robot, wrench = self._at_measured_point(q, wrench)
+        return self._deflection(robot, q, wrench)
+
+    def _at_measured_point(self, q: FloatArray, wrench: FloatArray) -> tuple[Robot, FloatArray]:
+        """Return the robot with the measured point as its TCP, and the (n, 6) wrenches there."""
         if self.geometry_ is None:
-            return self._deflection(self.robot_, q, wrench)
-        wrench = self.geometry_.wrench_at_tcp(q, wrench)
-        return self._deflection(self.geometry_.robot, q, wrench)
+            return self.robot_, wrench
+        return self.geometry_.robot, self.geometry_.wrench_at_tcp(q, wrench)
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection [m] of a robot's TCP under wrenches at that TCP."""

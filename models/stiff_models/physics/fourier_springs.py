@@ -76,9 +76,8 @@ class FourierSprings(FittedModel):
 
 def _terms(robot: Robot, q: FloatArray) -> FloatArray:
     """Return the (n, n_terms) products g_k(a) g_l(b), which are >= 0; the first is 1."""
-    kinds = np.array(robot.joint_types[SHOULDER_AND_ELBOW])
     terms = np.ones((len(q), 1))
-    for angle in q[:, SHOULDER_AND_ELBOW][:, kinds == "revolute"].T:
+    for angle in q[:, SHOULDER_AND_ELBOW][:, robot.turns[SHOULDER_AND_ELBOW]].T:
         waves = np.stack([np.cos(angle), -np.cos(angle), np.sin(angle), -np.sin(angle)], axis=1)
         of_angle = np.hstack([np.ones((len(q), 1)), 1.0 + waves])
         terms = (terms[:, :, None] * of_angle[:, None]).reshape(len(q), -1)

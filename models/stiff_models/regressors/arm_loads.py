@@ -13,10 +13,11 @@ from typing import Self
 
 import numpy as np
 
+from stiff_models.physics.fitted_geometry import moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, typical_springs
 from stiff_models.physics.vjm import identify_joints
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 
 OWN_AXIS = 2
 """Number of a joint's own spring among its six; 0 and 1 are across it, 3 to 5 of the other kind."""
@@ -60,9 +61,8 @@ class Sizes:
         joints = np.maximum(joints, SMALLEST * joints.max())
         reach = float(np.linalg.norm(robot.tcp_position(np.zeros((1, count))))) or 1.0
         lever = LEVER_SHARE * reach
-        turns = np.array([kind == "revolute" for kind in robot.joint_types])
-        across_kind = joints * np.where(turns, lever**2, lever**-2)
-        base = [joints[0], across_kind[0]] if turns[0] else [across_kind[0], joints[0]]
+        across_kind = joints * np.where(robot.turns, lever**2, lever**-2)
+        base = [joints[0], across_kind[0]] if robot.turns[0] else [across_kind[0], joints[0]]
         of_joints = np.column_stack([joints] * 3 + [across_kind] * 3)
         compliance = np.vstack([np.repeat(base, 3), of_joints])
         springs = np.zeros((count + 1, 6))
@@ -126,18 +126,16 @@ class ArmLoads:
     twist: FloatArray
     load: FloatArray
     weight: FloatArray
-    turns: FloatArray
+    turns: BoolArray
     by_weight: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def of(cls, robot: Robot, q: FloatArray, wrench: FloatArray, rig: Rig) -> Self:
         """Return the loads of (n, n_joints) positions and (n, 6) written wrenches."""
-        pose = robot.forward(q)
+        rotation = robot.forward(q).rotation
         acting = wrench + wrench @ rig.cross_talk.T
-        lever = pose.rotation @ rig.force_point
-        acting = acting + np.hstack([np.zeros((len(q), 3)), np.cross(lever, acting[:, :3])])
-        turns = np.array([kind == "revolute" for kind in robot.joint_types])
-        order = np.where(turns[:, None], np.arange(6), [3, 4, 5, 0, 1, 2])  # own kind first
+        acting = moved_wrench(acting, rotation @ rig.force_point)
+        order = np.where(robot.turns[:, None], np.arange(6), [3, 4, 5, 0, 1, 2])  # own kind first
         jacobian = np.take_along_axis(robot.virtual_jacobian(q), order[None, None], axis=3)
         weight = np.take_along_axis(robot.virtual_gravity_torque(q), order[None], axis=2)
         twist = np.concatenate([_base_twists(robot.tcp_position(q))[:, :, None], jacobian], axis=2)
@@ -145,7 +143,7 @@ class ArmLoads:
         weight = np.concatenate(
             [np.zeros((len(q), 1, 6)), weight * rig.weight_factor[:, None]], axis=1
         )
-        return cls(q, wrench, acting, pose.rotation, twist, load, weight, turns)
+        return cls(q, wrench, acting, rotation, twist, load, weight, robot.turns)
 
     @property
     def move(self) -> FloatArray:

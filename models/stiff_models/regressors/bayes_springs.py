@@ -11,11 +11,12 @@ prediction is the robot's: groups of the rig explain the file and are left out. 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.special import ndtri
 
 from stiff_models.fitted_model import NormalModel
 from stiff_models.physics.fitted_geometry import GeometryModel
@@ -36,7 +37,7 @@ from stiff_models.regressors.spring_groups import (
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import unit_deflections
-from stiff_protocols.springs.identification import CONTRIBUTION
+from stiff_protocols.springs.identification import CONTRIBUTION, number_with_interval
 
 ROUNDS, REWEIGHTINGS = 3, 2
 """Rounds of Gauss-Newton, the first without the searched groups; reweightings in the others."""
@@ -46,6 +47,8 @@ FREEDOM, MOST_WEIGHT = 4.0, 1.3
 """Of Student's t distribution, and of the weight of a sample."""
 FRICTION_WIDTHS, FRICTION_SCALE, WRENCH_SCALE = (0.05, 0.2, 0.8), 0.1, 0.5
 """Of the errors by friction (shares of the largest torque, typical scale) and by the wrench."""
+ERRORS = (*(f"friction {width}" for width in FRICTION_WIDTHS), "wrench", "noise")
+"""Kinds of errors, in the order of their scales."""
 FIRST_SHARE = 0.5
 """First value of a scale, of its typical one."""
 FIRST_NOISE, MOST_NOISE, MOST_SHARE = 3.0, 10.0, 0.3
@@ -55,8 +58,10 @@ ROWS = 2048
 """Predictions computed together."""
 LEAST_CONTRIBUTION, DRAWS = 1e-3, 200
 """mm: a group that moves the TCP less is not found; draws for a contribution's interval."""
-TAIL, NORMAL_TAIL = 0.9, 1.6448536269514722
-"""Coverage of printed intervals, and the half width of a normal one in standard deviations."""
+TAIL = 0.9
+"""Coverage of printed intervals."""
+NORMAL_TAIL = float(ndtri(0.5 + TAIL / 2.0))
+"""Half width of that interval of a normal distribution, in standard deviations."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -107,80 +112,68 @@ class BayesSprings(NormalModel, GeometryModel):
         self.sizes_ = Sizes.of(robot, train)
         self.rig_ = Rig.perfect(robot.n_joints)
         weights, scales = np.ones(len(train)), dict[object, float]()
+        means = dict[Group, FloatArray]()
         for number in range(ROUNDS):
             groups = self._chosen if number else self._linear
-            loads = self._loads(robot, train, has_coefficients=number > 0)
-            parts = [group.columns(loads, self.sizes_) for group in groups]
-            readings = train.deflection + self._rig_deflections(groups, parts)
+            model = self._grouped(groups, self._loads(robot, train, means), train)
+            readings = train.deflection + self._rig_deflections(groups, model)
+            keys = [*groups, *ERRORS]
+            firsts = [*FIRST_SHARE * model.typical[:-1], FIRST_NOISE * model.bounds[-1, 0]]
             for _ in range(REWEIGHTINGS if number else 1):
-                model = self._grouped(groups, parts, loads, weights, train)
-                keys, firsts = zip(*self._starts(groups, train), strict=True)
-                start = [scales.get(*pair) for pair in zip(keys, firsts, strict=True)]
+                model = model.weighted(weights)
+                start = [scales.get(key, first) for key, first in zip(keys, firsts, strict=True)]
                 best_scales = model.searched(readings, np.array(start), STEPS)
                 scales = dict(zip(keys, best_scales.tolist(), strict=True))
                 posterior = model.posterior(readings, best_scales)
                 if number:
                     weights = _student_weights(posterior, float(best_scales[-1]), weights)
-            self._keep(groups, parts, posterior)
+            for place, group in enumerate(groups):
+                means[group] = posterior.mean[model.group_of == place]
+                if group.is_searched:
+                    self.rig_ = group.changed(self.rig_, means[group], self.sizes_)
+        self.coefficients_ = np.concatenate([means[group] for group in self._linear])
         self.errors_ = best_scales[model.n_groups :]
         self._calibrate(model, readings, best_scales, posterior, train, seed)
         self.diagnostics_ = {
-            **self._report(robot, groups, parts, posterior),
+            **self._report(robot, groups, model, posterior),
             **self._geometry_report(),
         }
         warn_unexplained(self.coefficients_, train)
 
-    def _loads(self, robot: Robot, train: Samples, *, has_coefficients: bool) -> ArmLoads:
-        """Return the training loads, with the derivative of the deflection by the weights."""
+    def _loads(self, robot: Robot, train: Samples, means: Mapping[Group, FloatArray]) -> ArmLoads:
+        """Return the training loads, with the derivative of the deflection by the weights.
+
+        `means` are the groups' coefficients; none before the first round.
+        """
         loads = ArmLoads.of(robot, train.q, train.wrench, self.rig_)
         slopes = np.zeros((len(train), 3, robot.n_joints))
-        if has_coefficients:
+        if means:
             heavier = replace(self.rig_, weight_factor=self.rig_.weight_factor + WEIGHT_STEP)
             moved = ArmLoads.of(robot, train.q, train.wrench, heavier)
-            for group, coefficients in self._by_group():
+            for group, coefficients in means.items():
                 if isinstance(group, LostMotion):
                     first, second = (group.columns(of, self.sizes_) for of in (loads, moved))
                     change = (second - first) * coefficients / WEIGHT_STEP
                     slopes += change.reshape(*slopes.shape, -1).sum(axis=3)
         return replace(loads, by_weight=slopes)
 
-    def _by_group(self) -> list[tuple[Group, FloatArray]]:
-        """Return the groups of predictions with their coefficients."""
-        counts = self.counts_.astype(int)
-        parts = np.split(self.coefficients_, np.cumsum(counts)[:-1])
-        return [*zip(self._linear, parts, strict=True)]
-
-    def _rig_deflections(self, groups: Sequence[Group], parts: Sequence[FloatArray]) -> FloatArray:
+    def _rig_deflections(self, groups: Sequence[Group], model: GroupedModel) -> FloatArray:
         """Return the (n, 3) deflections [m] by the current values of the searched groups."""
-        deflections = np.zeros(parts[0].shape[:2])
-        for group, columns in zip(groups, parts, strict=True):
+        deflections = np.zeros(model.columns.shape[:2])
+        for place, group in enumerate(groups):
             if group.is_searched:
+                columns = model.columns[:, :, model.group_of == place]
                 deflections += columns @ group.coefficients(self.rig_, self.sizes_)
         return deflections
 
-    def _starts(self, groups: Sequence[Group], train: Samples) -> list[tuple[object, float]]:
-        """Return each scale's key and its first value."""
-        starts: list[tuple[object, float]] = [
-            (group, FIRST_SHARE * group.scale) for group in groups
-        ]
-        starts += [(("friction", width), FIRST_SHARE * FRICTION_SCALE) for width in FRICTION_WIDTHS]
-        starts += [("wrench", FIRST_SHARE * WRENCH_SCALE)]
-        return [*starts, ("noise", FIRST_NOISE * _instrument(train))]
-
-    def _grouped(
-        self,
-        groups: Sequence[Group],
-        parts: Sequence[FloatArray],
-        loads: ArmLoads,
-        weights: FloatArray,
-        train: Samples,
-    ) -> GroupedModel:
-        columns, group_of = joined(parts)
-        independent = np.eye(3) / weights[:, None, None]
+    def _grouped(self, groups: Sequence[Group], loads: ArmLoads, train: Samples) -> GroupedModel:
+        """Return the model of the groups and errors, with equal weights of the samples."""
+        columns, group_of = joined([group.columns(loads, self.sizes_) for group in groups])
+        independent = np.broadcast_to(np.eye(3), (len(train), 3, 3))
         blocks = [*self._error_blocks(loads), independent]
         typical = [group.scale for group in groups]
         typical += [FRICTION_SCALE] * len(FRICTION_WIDTHS) + [WRENCH_SCALE]
-        noise = _instrument(train)
+        noise = train.instrument_noise or TRACKER_NOISE
         size = float(np.sqrt((train.deflection**2).mean()))
         bounds = [(LEAST * scale, MOST * scale) for scale in typical]
         bounds.append((noise, max(MOST_NOISE * noise, MOST_SHARE * size)))
@@ -192,19 +185,6 @@ class BayesSprings(NormalModel, GeometryModel):
         """Return the (n, 3, 3) covariances of friction and wrench at a scale of 1, m^2."""
         friction = [friction_blocks(loads, self.sizes_, width) for width in FRICTION_WIDTHS]
         return [*friction, wrench_blocks(loads, self.sizes_)]
-
-    def _keep(
-        self, groups: Sequence[Group], parts: Sequence[FloatArray], posterior: Posterior
-    ) -> None:
-        """Store the coefficients of the robot, and the rig."""
-        counts = [part.shape[2] for part in parts]
-        means = np.split(posterior.mean, np.cumsum(counts)[:-1])
-        of_robot = [number for number, group in enumerate(groups) if not group.is_searched]
-        self.counts_ = np.array([counts[number] for number in of_robot])
-        self.coefficients_ = np.concatenate([means[number] for number in of_robot])
-        for group, mean in zip(groups, means, strict=True):
-            if group.is_searched:
-                self.rig_ = group.changed(self.rig_, mean, self.sizes_)
 
     def _calibrate(
         self,
@@ -243,7 +223,7 @@ class BayesSprings(NormalModel, GeometryModel):
         Arguments and errors are the same as for `predict`.
         """
         q, wrench = self._checked(q, wrench)
-        robot, wrench = self._measured(q, wrench)
+        robot, wrench = self._at_measured_point(q, wrench)
         return self._mean(robot, q, wrench, self.rig_)
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -261,29 +241,25 @@ class BayesSprings(NormalModel, GeometryModel):
         columns, _ = joined([group.columns(loads, self.sizes_) for group in self._linear])
         return columns
 
-    def _measured(self, q: FloatArray, wrench: FloatArray) -> tuple[Robot, FloatArray]:
-        """Return the robot with the measured point, and wrenches there."""
-        if self.geometry_ is None:
-            return self.robot_, wrench
-        return self.geometry_.robot, self.geometry_.wrench_at_tcp(q, wrench)
-
     def deviation(self, q: FloatArray, wrench: FloatArray, *, reading: bool) -> FloatArray:
         """Return the (n, 3) standard deviation [m] of the robot's deflection, or of a reading.
 
         For a reading it includes the error that the rig would add.
         """
-        robot, wrench = self._measured(*self._checked(q, wrench))
+        q, wrench = self._checked(q, wrench)
+        robot, wrench = self._at_measured_point(q, wrench)
         deviation = np.empty((len(q), 3))
         for first in range(0, len(q), ROWS):
             rows = slice(first, first + ROWS)
             loads = ArmLoads.of(robot, q[rows], wrench[rows], self.rig_.without_errors)
-            variance = ((self._columns(loads) @ self.root_) ** 2).sum(axis=2)
+            columns = self._columns(loads)
+            variance = ((columns @ self.root_) ** 2).sum(axis=2)
             if reading:
-                blocks = np.stack([*self._error_blocks(loads)])
+                blocks = np.stack(self._error_blocks(loads))
                 errors = np.tensordot(self.errors_[:-1] ** 2, blocks, axes=1)
                 errors = np.diagonal(errors, axis1=1, axis2=2) + self.errors_[-1] ** 2
                 rig = self._mean(robot, q[rows], wrench[rows], self.rig_)
-                rig = rig - self._columns(loads) @ self.coefficients_
+                rig = rig - columns @ self.coefficients_
                 variance = variance + self.calibration_**2 * errors + rig**2
             deviation[rows] = np.sqrt(variance)
         return deviation
@@ -297,7 +273,7 @@ class BayesSprings(NormalModel, GeometryModel):
         self,
         robot: Robot,
         groups: Sequence[Group],
-        parts: Sequence[FloatArray],
+        model: GroupedModel,
         posterior: Posterior,
     ) -> dict[str, float]:
         """Return each group's mean deflection [mm] over the training samples, 0 if none is found.
@@ -308,23 +284,17 @@ class BayesSprings(NormalModel, GeometryModel):
             size=(len(posterior.mean), DRAWS)
         )
         numbers: dict[str, float] = {}
-        ends = np.cumsum([0, *(part.shape[2] for part in parts)])
+        names = np.array([groups[place].name for place in model.group_of])
         for name in dict.fromkeys(group.name for group in groups):
-            moved: FloatArray = np.zeros((*parts[0].shape[:2], 1 + DRAWS))
-            for number, group in enumerate(groups):
-                if group.name == name:
-                    rows = slice(ends[number], ends[number + 1])
-                    coefficients = np.column_stack([posterior.mean[rows], draws[rows]])
-                    moved = moved + parts[number] @ coefficients
+            of_name = names == name
+            coefficients = np.column_stack([posterior.mean[of_name], draws[of_name]])
+            moved = model.columns[:, :, of_name] @ coefficients
             sizes = 1e3 * np.linalg.norm(moved, axis=1).mean(axis=0)
-            low, high = np.quantile(sizes[1:], [0.5 - TAIL / 2.0, 0.5 + TAIL / 2.0])
-            name = f"{CONTRIBUTION} {name}"
             if sizes[0] < LEAST_CONTRIBUTION:
-                numbers[f"{name} [mm]"] = 0.0
+                numbers[f"{CONTRIBUTION} {name} [mm]"] = 0.0
                 continue
-            numbers[f"{name} [mm]"] = float(sizes[0])
-            numbers[f"{name} 90 % interval from [mm]"] = float(low)
-            numbers[f"{name} 90 % interval to [mm]"] = float(high)
+            ends = np.quantile(sizes[1:], [0.5 - TAIL / 2.0, 0.5 + TAIL / 2.0])
+            numbers |= number_with_interval(f"{CONTRIBUTION} {name}", "mm", sizes[0], ends)
         rig = self.rig_
         for joint, factor in zip(robot.joint_names, rig.weight_factor, strict=True):
             numbers[f"weights on {joint} [%]"] = 100.0 * float(factor)
@@ -343,8 +313,3 @@ def _student_weights(posterior: Posterior, noise: float, weights: FloatArray) ->
     squares = error**2 + variance - variance**2 * posterior.precision
     total = squares.sum(axis=1) / noise**2
     return np.asarray(np.minimum((FREEDOM + 3.0) / (FREEDOM + total), MOST_WEIGHT))
-
-
-def _instrument(train: Samples) -> float:
-    """Return the standard deviation of the instrument's readings, m."""
-    return train.instrument_noise or TRACKER_NOISE

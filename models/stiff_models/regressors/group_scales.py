@@ -56,7 +56,7 @@ class GroupedModel:
     Attributes:
         columns: (n, 3, p) F, m.
         group_of: (p,) group of each column.
-        blocks: (n_blocks, n, 3, 3) B, m^2.
+        blocks: (n_blocks, n, 3, 3) B, m^2; the last ones are of independent errors.
         typical: (n_groups + n_blocks,) typical scales; infinite: only the bounds count.
         bounds: (n_groups + n_blocks, 2) bounds of the scales.
     """
@@ -75,6 +75,11 @@ class GroupedModel:
     def take(self, rows: IntArray) -> GroupedModel:
         """Return the model of some samples."""
         return replace(self, columns=self.columns[rows], blocks=self.blocks[:, rows])
+
+    def weighted(self, weights: FloatArray) -> GroupedModel:
+        """Return the model with (n,) weights of the samples' independent errors, the last kind."""
+        independent = np.eye(3) / weights[:, None, None]
+        return replace(self, blocks=np.concatenate([self.blocks[:-1], independent[None]]))
 
     def searched(self, readings: FloatArray, start: FloatArray, most_steps: int) -> FloatArray:
         """Return the most probable scales for (n, 3) readings [m]; a vanished group has 0."""

@@ -122,6 +122,20 @@ def spring_key(word: str, name: str, unit: str) -> str:
     return f"{word} {name} [{unit}]"
 
 
+LOW_END, HIGH_END = "90 % interval from", "90 % interval to"
+"""In the names of the ends of a number's interval in a fit's report."""
+
+
+def number_with_interval(name: str, unit: str, value: float, ends: FloatArray) -> dict[str, float]:
+    """Return a number of a fit's report and the (2,) ends of its 90 % interval, by name."""
+    low, high = ends.tolist()
+    return {
+        f"{name} [{unit}]": float(value),
+        f"{name} {LOW_END} [{unit}]": low,
+        f"{name} {HIGH_END} [{unit}]": high,
+    }
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentifiedSprings(Identified):
     """Springs with names, in the order of the compliances.
@@ -164,9 +178,7 @@ class IdentifiedSprings(Identified):
                 "standard error": self.standard_error[i],
             }
             if self.is_identified[i]:
-                spring_numbers["90 % interval from"], spring_numbers["90 % interval to"] = interval[
-                    i
-                ]
+                spring_numbers[LOW_END], spring_numbers[HIGH_END] = interval[i]
             else:
                 spring_numbers["prior stiffness"] = 1.0 / self.compliance[i]
             numbers |= {
