@@ -268,36 +268,54 @@ class LocalProcesses(Execution):
 
         A fit whose server ended is computed once more, without neighbours.
         """
-        waiting, repeated = iter(tasks), list[CellTask]()
+        lost = list[CellTask]()
+        try:
+            yield from self._results(tasks, run_id, display, lost)
+            yield from self._results(lost, run_id, display)
+        finally:
+            end_all_fits()
+
+    def _results(
+        self,
+        tasks: Iterable[CellTask],
+        run_id: str,
+        display: Display,
+        lost: list[CellTask] | None = None,
+    ) -> Generator[CellResult, None, None]:
+        """Yield the results; cells whose server ended are added to `lost` instead.
+
+        Without `lost` it is the second time: one cell after another.
+        """
+        is_repetition = lost is None
+        at_once = 1 if is_repetition else self.at_once
+        waiting = iter(tasks)
         running: dict[RunningFit, tuple[CellTask, FitInput]] = {}
-        is_alone = False
+
+        def ended(
+            task: CellTask, given: FitInput, outcome: FitOutcome
+        ) -> Generator[CellResult, None, None]:
+            if lost is not None and outcome.cause == SERVER_ENDED:
+                lost.append(task)
+            else:
+                yield score(task, given, run_id, outcome)
+
         try:
             while True:
-                while len(running) < self.at_once and not is_alone and not (repeated and running):
-                    if is_alone := bool(repeated):
-                        task = repeated.pop(0)
-                    elif (following := next(waiting, None)) is not None:
-                        task = following
-                    else:
-                        break
-                    if not is_alone:  # a repetition has been shown
+                while len(running) < at_once and (task := next(waiting, None)) is not None:
+                    if not is_repetition:
                         display.start(task)
                     given = fit_input(task)
                     try:
                         running[RunningFit(work_of(task, given, self.limits))] = task, given
                     except _SERVER_GONE as error:
-                        if not is_alone:
-                            repeated.append(task)
-                            continue
-                        is_alone = False
                         reason = f"its server ended: {describe_error(error)}"
-                        outcome = FitOutcome(failure=reason, cause=SERVER_ENDED)
-                        yield score(task, given, run_id, outcome)
+                        yield from ended(
+                            task, given, FitOutcome(failure=reason, cause=SERVER_ENDED)
+                        )
                     except _NOT_STARTED as error:
-                        is_alone = False
                         reason = f"no process could be started: {describe_error(error)}"
                         outcome = FitOutcome(failure=reason, cause=type(error).__name__)
-                        yield score(task, given, run_id, outcome)
+                        yield from ended(task, given, outcome)
                 if not running:
                     return
                 futures = [fit.future for fit in running]
@@ -305,12 +323,7 @@ class LocalProcesses(Execution):
                 for fit, (task, given) in list(running.items()):
                     if (result := fit.outcome(display.step)) is not None:
                         del running[fit]
-                        if result.cause == SERVER_ENDED and not is_alone:
-                            repeated.append(task)
-                            continue
-                        is_alone = False
-                        yield score(task, given, run_id, result)
+                        yield from ended(task, given, result)
         finally:
             for fit in running:
                 fit.end()
-            end_all_fits()
