@@ -10,7 +10,7 @@ import numpy as np
 
 from stiff_models.io import model_file
 from stiff_protocols.contract.errors import ModelError, NotFittedError
-from stiff_protocols.contract.stiffness_model import StiffnessModel
+from stiff_protocols.contract.stiffness_model import StiffnessModel, check_readings
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
 
@@ -38,9 +38,11 @@ class FittedModel(StiffnessModel):
         """Fit the model as `StiffnessModel.fit`; without validation rows keep the last epoch.
 
         Raises:
-            ConfigError: the options contradict each other, the samples or the robot.
+            ConfigError: the options contradict each other, the samples or the robot, or the model
+                takes no readings along directions.
             ModelError: these samples identify nothing, or the training diverged.
         """
+        check_readings(self, train)
         self._fit(train, robot, validation, seed)
         self.robot_, self.training_range_ = robot, TrainingRange.of(train)
         return self

@@ -133,7 +133,8 @@ def show(key: str) -> Text:
     heading = f"options: --set {info.key}.OPTION=VALUE, or {info.key}@OPTION=VALUE as the name"
     parts += ["", heading if options else "no options"]
     lines = [wrapped(part, indent="  ") for part in parts]
-    return Text("\n".join([*lines, *_option_lines(options)]))
+    describe_parts = getattr(info.load(), "describe_parts", dict)
+    return Text("\n".join([*lines, *_option_lines(options), *_part_lines(describe_parts())]))
 
 
 def _option_lines(options: Collection[Option]) -> list[str]:
@@ -145,6 +146,13 @@ def _option_lines(options: Collection[Option]) -> list[str]:
         lines.append(wrapped(values, f"  {option.name}".ljust(width), " " * width))
         lines += [wrapped(option.description, " " * width, " " * width)] * bool(option.description)
     return lines
+
+
+def _part_lines(parts: Mapping[str, str]) -> list[str]:
+    """Return lines on the parts of a model: their names and descriptions."""
+    width = max(map(len, parts), default=0) + 4
+    lines = (wrapped(text, f"  {name}".ljust(width), " " * width) for name, text in parts.items())
+    return ["", "groups:", *lines] if parts else []
 
 
 def _text(grid: Grid) -> str:

@@ -35,6 +35,7 @@ from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.contract.stiffness_model import (
+    check_readings,
     StiffnessModel,
     interval_at_tcp,
     offers,
@@ -160,6 +161,7 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
     model = made_model(choice, given.source)
     q, wrench = given.q, given.wrench
     memory = MemoryMeter()
+    check_readings(model, given.train)
     start = time.perf_counter()
     model.fit(given.train, robot=given.robot, validation=given.validation, seed=given.seed)
     fitted = time.perf_counter()

@@ -12,7 +12,7 @@ from stiff_bench.plan.options import Choice
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.evaluation import training_side
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.stiffness_model import optional
+from stiff_protocols.contract.stiffness_model import check_readings, optional
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 from stiff_protocols.scoring.conformal import SplitConformal
@@ -39,6 +39,7 @@ def whole_fit(
         raise ConfigError(f"{choice.name!r} cannot be used here: {reason}")
     model = choice.make()
     optional(model, "check_robot")(robot)
+    check_readings(model, samples)
     train, validation = _training_side(choice, samples, seed)
     note = ""
     if validation is not None:

@@ -686,7 +686,8 @@ _ROBOT_ARRAYS = tuple(item.name for item in fields(Robot) if item.name != "contr
 
 def data_content(data: BenchmarkData) -> bytes:
     """Return what is stored of a data set: a NumPy archive (`.npz`) of samples and robot."""
-    arrays = {item.name: getattr(data.samples, item.name) for item in fields(Samples)}
+    names = ("instrument_noise", *data.samples.columns)
+    arrays = {name: getattr(data.samples, name) for name in names}
     arrays |= {f"{_OF_ROBOT}{name}": getattr(data.robot, name) for name in _ROBOT_ARRAYS}
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)
@@ -712,7 +713,8 @@ def stored_data(content: bytes) -> StoredData:
         if size > _most_unpacked(len(content)):
             raise DataError(f"{len(content)} bytes unpack to {size} bytes")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            samples = Samples(**{item.name: arrays[item.name] for item in fields(Samples)})
+            names = [name for name in arrays if not name.startswith(_OF_ROBOT)]
+            samples = Samples(**{name: arrays[name] for name in names})
             of_robot: dict[str, Any] = {
                 name: arrays[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS
             }

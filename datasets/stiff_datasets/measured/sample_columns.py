@@ -4,12 +4,15 @@ One row per load at a pose: ``pose_id, load_id, group, q1_deg .. qn_deg, fx_N, f
 ty_Nm, tz_Nm, dx_mm, dy_mm, dz_mm`` (``q2_mm`` if joint 2 is prismatic). The wrench acts at the
 TCP; wrench and deflection are expressed in the robot base frame; a deflection is the loaded minus
 the unloaded position. Instead, a file may have both positions of the TCP, ``x0_mm .. z0_mm``
-(unloaded) and ``x1_mm .. z1_mm`` (loaded).
+(unloaded) and ``x1_mm .. z1_mm`` (loaded). A file may also say when a row was read (``order``, a
+number or a time), from which direction each joint reached the pose (``approach_q1 ..``, 1 or -1),
+and what remained after the load was taken off (``after_dx_mm, after_dy_mm, after_dz_mm``).
 """
 
 from __future__ import annotations
 
 import re
+from typing import Literal
 
 import numpy as np
 
@@ -24,6 +27,10 @@ DEFLECTION_COLUMNS = ("dx_mm", "dy_mm", "dz_mm")
 UNLOADED_COLUMNS = ("x0_mm", "y0_mm", "z0_mm")
 LOADED_COLUMNS = ("x1_mm", "y1_mm", "z1_mm")
 """Positions of the TCP in place of its deflection."""
+ORDER = "order"
+AFTER_COLUMNS = ("after_dx_mm", "after_dy_mm", "after_dz_mm")
+Criterion = Literal["d-optimal", "i-optimal"]
+"""Criterion of a measurement plan, which is the `group` of its rows."""
 MM_PER_M = 1000.0
 DEG_PER_RAD = 180.0 / np.pi
 DECIMALS = 10
@@ -53,6 +60,7 @@ _ALIASES = (
     *((f"{d}{{}}", f"(?:{words}|(?:{words})?(?:{ds}))([xyz])") for d, ds, words in _VECTORS),
     *((f"{{}}{number}", f"(?:{words})([xyz])") for number, words in _POSITIONS),
     *((f"{{}}{number}", f"([xyz])(?:{words})") for number, words in _POSITIONS),
+    (ORDER, "()(?:time|timestamp|zeit|zeitstempel|reihenfolge)"),
 )
 """Standard name of a column -> pattern of its aliases, in lower case, without unit, blanks, hyphens
 and underscores."""
@@ -105,6 +113,12 @@ def all_columns(robot: Robot) -> tuple[str, ...]:
     return (*ID_COLUMNS, *joint_columns(robot), *WRENCH_COLUMNS, *DEFLECTION_COLUMNS)
 
 
+def optional_columns(robot: Robot) -> tuple[str, ...]:
+    """Return the names of numbers that a file of samples may have, too."""
+    approach = (f"approach_q{i + 1}" for i in range(robot.n_joints))
+    return (ORDER, *approach, *AFTER_COLUMNS)
+
+
 def file_units(robot: Robot) -> FloatArray:
     """Return (n_joints,) file units per rad or m."""
     return np.where(robot.turns, DEG_PER_RAD, MM_PER_M)
@@ -139,6 +153,7 @@ _MEANINGS = {
     "pose_id": "name of the robot pose; rows of one pose have the same joint positions",
     "load_id": "name of the load at the pose",
     "group": "part of the measurement that the pose belongs to",
+    ORDER: "number or time of the reading, in the order of the measurement",
 }
 _VECTOR_MEANINGS = {
     r"f([xyz])_N": "force on the robot at the TCP, {} component, robot base frame",
@@ -147,6 +162,10 @@ _VECTOR_MEANINGS = {
     "base frame",
     r"([xyz])0_mm": "position of the unloaded TCP, {} coordinate, in a frame with the base's axes",
     r"([xyz])1_mm": "position of the loaded TCP, {} coordinate, in a frame with the base's axes",
+    r"after_d([xyz])_mm": "displacement of the TCP that stays after the load is taken off, {} "
+    "component, robot base frame",
+    r"approach_q([1-9])": "direction from which joint {} reached the pose: 1, -1, or 0 if it did "
+    "not move",
     r"q([1-9])_(?:deg|mm)": "position of joint {} (joint 1 at the base) of the unloaded robot",
 }
 _UNIT_NAMES = {"deg": "deg", "N": "N", "Nm": "N m", "mm": "mm", "mm_s": "mm/s"}

@@ -33,11 +33,13 @@ from stiff_datasets.measured.excel_file import (
     with_formulas,
 )
 from stiff_datasets.measured.sample_columns import (
+    AFTER_COLUMNS,
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     MAX_CELL_LENGTH,
     MM_PER_M,
     NAMES,
+    ORDER,
     UNITS,
     WRENCH_COLUMNS,
     file_units,
@@ -250,6 +252,11 @@ def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
         columns[name] = in_file_units(samples.q[:, i], units[i])
     columns |= dict(zip(WRENCH_COLUMNS, samples.wrench.T, strict=True))
     for name, values in zip(DEFLECTION_COLUMNS, samples.deflection.T, strict=True):
+        columns[name] = in_file_units(values, MM_PER_M)
+    if samples.order.size:
+        columns[ORDER] = samples.order
+    columns |= {f"approach_q{i}": sign for i, sign in enumerate(samples.approach.T, start=1)}
+    for name, values in zip(AFTER_COLUMNS, samples.after.T, strict=False):
         columns[name] = in_file_units(values, MM_PER_M)
     return pd.DataFrame(columns)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,6 @@ from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_protocols.contract.errors import unsupported_extension
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.progress import report
-from stiff_protocols.contract.types import AXES, FloatArray
 
 BLOCK = 16_384
 """Largest number of samples per block; another size gives other data for a seed."""
@@ -40,8 +40,8 @@ def simulate(
         path: FILE.csv or FILE.parquet.
         experiment: its seed draws the poses, too.
         n_samples: number of samples.
-        all_columns: also write the direction from which each joint reached the pose, and the
-            reading of the unloaded robot after the load.
+        all_columns: also write the order of the rows, the direction from which each joint reached
+            the pose, and the reading of the unloaded robot after the load.
 
     Raises:
         ConfigError: the file has another extension, or it is Parquet and pyarrow is not installed.
@@ -68,13 +68,11 @@ def _blocks(
             pose_id=np.array([f"P{block * n_poses + i + 1}" for i in range(n_poses)]),
             group=np.full(n_poses, SIMULATED_GROUP),
         )
-        extra: dict[str, FloatArray] = {}
         samples, _, after, direction = experiment.measurement(poses, block)
         if all_columns:
-            extra |= {f"approach_q{i}": sign for i, sign in enumerate(direction.T, start=1)}
-            extra |= {f"after_d{a}_mm": 1e3 * part for a, part in zip(AXES, after.T, strict=True)}
+            order = n_done + np.arange(1.0, len(samples) + 1.0)
+            samples = replace(samples, order=order, approach=direction, after=after)
         n_rows = min(len(samples), n_samples - n_done)
-        table = sample_table(samples, robot).assign(**extra)
-        yield table.iloc[:n_rows]
+        yield sample_table(samples, robot).iloc[:n_rows]
         n_done += n_rows
         report("simulate", n_done, n_samples)

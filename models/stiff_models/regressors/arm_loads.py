@@ -23,6 +23,8 @@ OWN_AXIS = 2
 """Number of a joint's own spring among its six; 0 and 1 are across it, 3 to 5 of the other kind."""
 LEVER_SHARE = 0.15
 """A link is about as soft in sliding as its joint is at this share of the arm's reach."""
+WRENCH_NOISE = 0.01
+"""Error of a wrench, of the largest one."""
 SMALLEST, LEAST_SHARE = 1e-3, 0.05
 """Least compliance of a joint: of the softest joint's, and of its own estimate without tilts."""
 
@@ -117,6 +119,8 @@ class ArmLoads:
         weight: (n, n_joints + 1, 6) the same of the weights.
         turns: (n_joints,) true for revolute joints.
         by_weight: (n, 3, n_joints) derivative of the deflection by each joint's weight factor, m.
+        order: (n,) number or time of each reading, and approach: (n, n_joints) direction from
+            which each joint came; empty: not stated.
     """
 
     q: FloatArray
@@ -128,6 +132,8 @@ class ArmLoads:
     weight: FloatArray
     turns: BoolArray
     by_weight: FloatArray = field(default_factory=lambda: np.empty(0))
+    order: FloatArray = field(default_factory=lambda: np.empty(0))
+    approach: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def of(cls, robot: Robot, q: FloatArray, wrench: FloatArray, rig: Rig) -> Self:
@@ -175,6 +181,27 @@ class ArmLoads:
         """Return the (n, 3, 6) compliance of the identified linear springs."""
         twist = self.twist.reshape(*self.twist.shape[:2], -1)
         return np.asarray((twist[:, :3] * sizes.springs.ravel()) @ twist.swapaxes(1, 2))
+
+
+def friction_turns(loads: ArmLoads, sizes: Sizes, width: float) -> FloatArray:
+    """Return the (n, n_joints) turns c T tanh(|t| / (h T)) by friction, without their sign."""
+    torque = sizes.torque[1:, OWN_AXIS]
+    turned = sizes.compliance[1:, OWN_AXIS] * torque
+    shares = np.tanh(np.abs(loads.load[:, 1:, OWN_AXIS]) / (width * torque))
+    return np.asarray(turned * shares)
+
+
+def friction_blocks(loads: ArmLoads, sizes: Sizes, width: float) -> FloatArray:
+    """Return the (n, 3, 3) covariances of friction whose state is unknown."""
+    turned = friction_turns(loads, sizes, width)
+    moved = loads.move[:, :, 1:, OWN_AXIS] * turned[:, None]
+    return np.asarray(moved @ moved.swapaxes(1, 2))
+
+
+def wrench_blocks(loads: ArmLoads, sizes: Sizes) -> FloatArray:
+    """Return the (n, 3, 3) covariances of wrenches with an error of 1 % of the largest."""
+    moved = loads.compliance(sizes) * sizes.largest * WRENCH_NOISE
+    return np.asarray(moved @ moved.swapaxes(1, 2))
 
 
 def _base_twists(tcp: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.full_vjm import spring_twists
 from stiff_models.physics.vjm import warn_no_masses, warn_unexplained
 from stiff_models.pose_folds import FOLDS, folds_of_poses
-from stiff_models.regressors.arm_loads import ArmLoads, Rig, Sizes
+from stiff_models.regressors.arm_loads import ArmLoads, Rig, Sizes, friction_blocks, wrench_blocks
 from stiff_models.regressors.calibrated_process import FEWEST_POSES, TRACKER_NOISE
 from stiff_models.regressors.group_scales import LEAST, MOST, GroupedModel, Posterior, joined
 from stiff_models.regressors.spring_groups import (
@@ -31,8 +31,7 @@ from stiff_models.regressors.spring_groups import (
     GROUPS,
     Group,
     LostMotion,
-    friction_blocks,
-    wrench_blocks,
+    groups_named,
 )
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
@@ -69,12 +68,14 @@ class BayesSprings(NormalModel, GeometryModel):
     """A linear model of springs and links whose groups have scales by marginal likelihood.
 
     Attributes:
-        groups: names of the groups, separated by "+", or "all".
+        groups: names of the groups, separated by "+", or "all"; after "-" the names of groups that
+            are left out of all. The name before a comma stands for all that begin with it.
         sizes_: units of the coefficients.
         rig_: errors of the file's loads, and the factors of the weights.
         coefficients_: (p,) coefficients of the robot's groups, in the order of `GROUPS`.
         root_: (p, k) matrix whose product with its transpose is their covariance.
         errors_: scales of the errors: three of friction, wrench, and independent ones [m].
+        error_variance_: (3,) mean variance of the training readings' errors, m^2.
         diagnostics_: contribution of each group, weights, force point, noise, and geometry.
     """
 
@@ -83,27 +84,30 @@ class BayesSprings(NormalModel, GeometryModel):
     def check_params(self) -> None:
         """Raise ConfigError if a group is unknown, or none bends the robot."""
         super().check_params()
-        for name in self._names:
-            if name not in GROUP_NAMES:
-                valid = ", ".join(GROUP_NAMES)
-                raise ConfigError(f"groups: {name!r} is not a group (valid: all, {valid})")
+        for name in self.groups.removeprefix("-").split("+"):
+            if self.groups != "all" and not groups_named(name):
+                valid = "; ".join(GROUP_NAMES)
+                raise ConfigError(f"groups: {name!r} is not a group (valid: all; {valid})")
         if not self._linear:
             raise ConfigError(f"groups = {self.groups!r}: none of them bends the robot")
 
-    @property
-    def _names(self) -> tuple[str, ...]:
-        if self.groups == "all":
-            return GROUP_NAMES
-        return tuple(name.strip() for name in self.groups.split("+"))
+    @classmethod
+    def describe_parts(cls) -> dict[str, str]:
+        """Return each group's name, with equation, unit of a coefficient, and role."""
+        return {group.name: group.description for group in GROUPS}
 
     @property
     def _chosen(self) -> list[Group]:
-        return [group for group in GROUPS if group.name in self._names]
+        if self.groups == "all":
+            return list(GROUPS)
+        names = self.groups.removeprefix("-").split("+")
+        named = [group for name in names for group in groups_named(name)]
+        return [group for group in GROUPS if (group in named) != self.groups.startswith("-")]
 
     @property
     def _linear(self) -> list[Group]:
         """The chosen groups that predictions have."""
-        return [group for group in self._chosen if not group.is_searched]
+        return [group for group in self._chosen if group.is_predicted]
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         twists_of = partial(spring_twists, springs=3)
@@ -113,8 +117,10 @@ class BayesSprings(NormalModel, GeometryModel):
         self.rig_ = Rig.perfect(robot.n_joints)
         weights, scales = np.ones(len(train)), dict[object, float]()
         means = dict[Group, FloatArray]()
+        stated = ("", *train.columns)
+        chosen = [group for group in self._chosen if group.needs in stated]
         for number in range(ROUNDS):
-            groups = self._chosen if number else self._linear
+            groups = chosen if number else [group for group in chosen if not group.is_searched]
             model = self._grouped(groups, self._loads(robot, train, means), train)
             readings = train.deflection + self._rig_deflections(groups, model)
             keys = [*groups, *ERRORS]
@@ -133,7 +139,9 @@ class BayesSprings(NormalModel, GeometryModel):
                     self.rig_ = group.changed(self.rig_, means[group], self.sizes_)
         self.coefficients_ = np.concatenate([means[group] for group in self._linear])
         self.errors_ = best_scales[model.n_groups :]
+        self.file_variance_ = self._file_variance(groups, model, posterior)
         self._calibrate(model, readings, best_scales, posterior, train, seed)
+        self.error_variance_ = model.error_variance(best_scales).mean(axis=0)
         self.diagnostics_ = {
             **self._report(robot, groups, model, posterior),
             **self._geometry_report(),
@@ -146,6 +154,7 @@ class BayesSprings(NormalModel, GeometryModel):
         `means` are the groups' coefficients; none before the first round.
         """
         loads = ArmLoads.of(robot, train.q, train.wrench, self.rig_)
+        loads = replace(loads, order=train.order, approach=train.approach)
         slopes = np.zeros((len(train), 3, robot.n_joints))
         if means:
             heavier = replace(self.rig_, weight_factor=self.rig_.weight_factor + WEIGHT_STEP)
@@ -165,6 +174,13 @@ class BayesSprings(NormalModel, GeometryModel):
                 columns = model.columns[:, :, model.group_of == place]
                 deflections += columns @ group.coefficients(self.rig_, self.sizes_)
         return deflections
+
+    @staticmethod
+    def _file_variance(groups: Sequence[Group], model: GroupedModel, posterior: Posterior) -> float:
+        """Return the variance [m^2] of a reading by drift and approach, unknown at other rows."""
+        needed = np.array([bool(group.needs) for group in groups])[model.group_of]
+        moved = model.columns[:, :, needed] @ posterior.mean[needed]
+        return float((moved**2).mean())
 
     def _grouped(self, groups: Sequence[Group], loads: ArmLoads, train: Samples) -> GroupedModel:
         """Return the model of the groups and errors, with equal weights of the samples."""
@@ -260,9 +276,27 @@ class BayesSprings(NormalModel, GeometryModel):
                 errors = np.diagonal(errors, axis1=1, axis2=2) + self.errors_[-1] ** 2
                 rig = self._mean(robot, q[rows], wrench[rows], self.rig_)
                 rig = rig - columns @ self.coefficients_
-                variance = variance + self.calibration_**2 * errors + rig**2
+                variance = variance + self.calibration_**2 * errors + rig**2 + self.file_variance_
             deviation[rows] = np.sqrt(variance)
         return deviation
+
+    def covariance(
+        self, q: FloatArray, wrench: FloatArray, other_q: FloatArray, other_wrench: FloatArray
+    ) -> FloatArray:
+        """Return the covariance of the robot's deflections as `StiffnessModel`."""
+        first, second = (
+            self._columns_at(*self._checked(*loads)).transpose(1, 0, 2) @ self.root_
+            for loads in ((q, wrench), (other_q, other_wrench))
+        )
+        return np.asarray(first @ second.swapaxes(1, 2))
+
+    def noise_variance(self) -> FloatArray:
+        """Return the (3,) variances of a reading's error, m^2."""
+        return np.asarray(self.calibration_**2 * self.error_variance_)
+
+    def _columns_at(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        robot, wrench = self._at_measured_point(q, wrench)
+        return self._columns(ArmLoads.of(robot, q, wrench, self.rig_.without_errors))
 
     def _mean_and_deviation(
         self, q: FloatArray, wrench: FloatArray

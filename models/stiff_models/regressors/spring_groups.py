@@ -14,7 +14,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from stiff_models.regressors.arm_loads import OWN_AXIS, ArmLoads, Rig, Sizes
+from stiff_models.regressors.arm_loads import OWN_AXIS, ArmLoads, Rig, Sizes, friction_turns
 from stiff_protocols.contract.types import FloatArray
 
 CROSS_AXES, OTHER_AXES, BASE = (0, 1), (3, 4, 5), 0
@@ -22,8 +22,8 @@ CROSS_AXES, OTHER_AXES, BASE = (0, 1), (3, 4, 5), 0
 POINT_UNIT, CROSS_UNIT, WEIGHT_UNIT = 0.02, 0.02, 0.3
 """Coefficients of 1: 20 mm, 2 % of cross-talk, 30 % of the weights."""
 WEIGHT_RANGE = (-0.5, 2.5)
-WRENCH_NOISE = 0.01
-"""Error of a wrench, of the largest one."""
+DRIFT_UNIT, DRIFT_PLACES, DRIFT_WIDTH = 1e-5, np.linspace(0.0, 1.0, 6), 0.2
+"""m of a coefficient of 1; places of the bumps and their width, as shares of the measurement."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,28 @@ class Group:
         unit: of a coefficient.
         part: "robot", or "rig": explains the file and is left out of predictions.
         scale: typical standard deviation of a coefficient; its prior is exponential.
+        needs: what samples must state for it, a field of `Samples`; "" for nothing more.
     """
 
     name: ClassVar[str]
     unit: ClassVar[str] = "the joint's compliance"
     part: ClassVar[Literal["robot", "rig"]] = "robot"
     scale: ClassVar[float] = 0.15
+    needs: ClassVar[str] = ""
     is_searched: ClassVar[bool] = False
     """Whether the columns depend on the coefficients, which are found in rounds (Gauss-Newton)."""
+
+    @property
+    def description(self) -> str:
+        """Equation, unit of a coefficient, and what the group is part of and needs."""
+        meaning = str(type(self).__doc__).partition("\n")[0].rstrip(".")
+        needs = f"; needs {self.needs} in the samples" if self.needs else ""
+        return f"{meaning} ({self.part}; 1 is {self.unit}{needs})"
+
+    @property
+    def is_predicted(self) -> bool:
+        """Whether predictions are sums over its columns."""
+        return self.part == "robot" and not self.is_searched
 
     def columns(self, loads: ArmLoads, sizes: Sizes) -> FloatArray:
         """Return the (n, 3, p) deflections [m] by each coefficient."""
@@ -96,7 +110,7 @@ class LostMotion(Group):
 
 @dataclass(frozen=True)
 class BearingPlay(LostMotion):
-    """Lost motion of the bearings across the joints' axes; the equation of `LostMotion`."""
+    """Lost motion of the bearings across the joints' axes; the same equation."""
 
     name: ClassVar[str] = "bearing play"
     scale: ClassVar[float] = 0.1
@@ -203,6 +217,36 @@ class BaseSpring(Group):
         return loads.products(sizes, pairs)
 
 
+@dataclass(frozen=True)
+class KnownFriction(Group):
+    """Friction whose state the approach tells: d = a_j s_j c T tanh(|t| / (h T)), s = 1 or -1."""
+
+    name: ClassVar[str] = "approach"
+    part: ClassVar[Literal["robot", "rig"]] = "rig"
+    needs: ClassVar[str] = "approach"
+    width: float = 0.2
+
+    def columns(self, loads: ArmLoads, sizes: Sizes) -> FloatArray:
+        """Return a column per joint."""
+        turned = friction_turns(loads, sizes, self.width) * loads.approach
+        return np.asarray(loads.move[:, :, 1:, OWN_AXIS] * turned[:, None])
+
+
+class Drift(Group):
+    """Readings that drift over the measurement: a smooth curve of the order, axis by axis."""
+
+    name, unit, part, needs = "drift", f"{1e3 * DRIFT_UNIT:.2g} mm", "rig", "order"
+    scale = 1.0
+
+    def columns(self, loads: ArmLoads, sizes: Sizes) -> FloatArray:
+        """Return a column per bump and axis."""
+        since = loads.order - loads.order.min()
+        share = since / (since.max() or 1.0)
+        bumps = np.exp(-0.5 * ((share[:, None] - DRIFT_PLACES) / DRIFT_WIDTH) ** 2)
+        axes = np.einsum("nb,kl->nkbl", bumps, np.eye(3)) * DRIFT_UNIT
+        return np.asarray(axes.reshape(len(since), 3, -1))
+
+
 class WeightFactors(Group):
     """Weights on the joints that differ from the description's, by a factor per joint."""
 
@@ -278,6 +322,8 @@ GROUPS: tuple[Group, ...] = (
     LinkSlides(),
     LinkBending(),
     BaseSpring(),
+    *(KnownFriction(width) for width in (0.05, 0.2, 0.8)),
+    Drift(),
     WeightFactors(),
     ForcePoint(),
     CrossTalk(),
@@ -285,22 +331,10 @@ GROUPS: tuple[Group, ...] = (
 GROUP_NAMES = tuple(dict.fromkeys(group.name for group in GROUPS))
 
 
-def friction_blocks(loads: ArmLoads, sizes: Sizes, width: float) -> FloatArray:
-    """Return the (n, 3, 3) covariances of friction whose state is unknown.
-
-    Each joint turns by c T tanh(|t| / (h T)) of either sign.
-    """
-    torque = sizes.torque[1:, OWN_AXIS]
-    turned = sizes.compliance[1:, OWN_AXIS] * torque
-    turned = turned * np.tanh(np.abs(loads.load[:, 1:, OWN_AXIS]) / (width * torque))
-    moved = loads.move[:, :, 1:, OWN_AXIS] * turned[:, None]
-    return np.asarray(moved @ moved.swapaxes(1, 2))
-
-
-def wrench_blocks(loads: ArmLoads, sizes: Sizes) -> FloatArray:
-    """Return the (n, 3, 3) covariances of wrenches with an error of 1 % of the largest."""
-    moved = loads.compliance(sizes) * sizes.largest * WRENCH_NOISE
-    return np.asarray(moved @ moved.swapaxes(1, 2))
+def groups_named(name: str) -> list[Group]:
+    """Return the groups of a name, or of all names that begin with it and a comma."""
+    name = name.strip()
+    return [group for group in GROUPS if name in (group.name, group.name.partition(",")[0])]
 
 
 def _waves(angle: FloatArray) -> list[FloatArray]:

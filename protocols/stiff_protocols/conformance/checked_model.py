@@ -41,7 +41,8 @@ class CheckedModel:
         measured: (n, 3) m, measured deflections of the test rows.
         other_samples: as many samples as `train`, mostly different.
         uses_validation: true if the model chooses an epoch.
-        parts: name -> samples of fits. "own" are the validation rows of the first fit. "loud" are
+        parts: name -> samples of fits. "stated" also have order, approach and readings after the
+            load. "own" are the validation rows of the first fit. "loud" are
             the validation rows with deflections multiplied by `INFLATION`.
         save, load: functions that write and read a fitted model, or None.
         fit_faults: options that fits changed so far, or wrong return values.
@@ -76,6 +77,7 @@ class CheckedModel:
             **{
                 "train": self.train,
                 "other": self.other_samples,
+                "stated": _stating_more(self.train),
                 "none": None,
                 "validation": validation,
             },
@@ -205,6 +207,16 @@ class CheckedModel:
 def inflated(samples: Samples) -> Samples:
     """Return samples with deflections multiplied by `INFLATION`."""
     return replace(samples, deflection=INFLATION * samples.deflection)
+
+
+def _stating_more(samples: Samples) -> Samples:
+    """Return samples whose rows also have an order, an approach and a reading after the load."""
+    return replace(
+        samples,
+        order=np.arange(float(len(samples))),
+        approach=np.where(np.arange(samples.q.size).reshape(samples.q.shape) % 2, 1.0, -1.0),
+        after=0.01 * samples.deflection,
+    )
 
 
 def _options(model: StiffnessModel) -> dict[str, str]:

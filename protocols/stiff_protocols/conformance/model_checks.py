@@ -39,7 +39,7 @@ def check_model(
 ) -> list[Check]:
     """Check a model on a small data set.
 
-    It is fitted four times, or five times if it uses validation rows. One or two more fits follow
+    It is fitted five times, or six times if it uses validation rows. One or two more fits follow
     if fits are unexpectedly equal or different.
 
     Args:
@@ -177,6 +177,11 @@ class ModelChecks(CheckedModel):
         """Keep the last epoch if validation is None."""
         self.predicted()
         self.predicted("other", "none")
+
+    def a_fit_takes_samples_that_state_more(self) -> None:
+        """Ignore train.order, train.approach and train.after, or use them."""
+        self.predicted()
+        self.predicted("stated", "none")
 
     def a_fit_learns_from_its_own_rows(self) -> None:
         """Cache a fit by its rows and its seed, not only by its seed."""

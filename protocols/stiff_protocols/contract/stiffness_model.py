@@ -11,8 +11,9 @@ import inspect
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
+from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import (
     BenchmarkData,
     FloatArray,
@@ -38,7 +39,11 @@ class StiffnessModel:
             a previously unloaded joint [N m or N], its turn [rad or m] and the turn's standard
             deviation.
         best_params_: option -> value chosen in the fit.
+        takes_directions: true for a model that learns from `Samples.directions`; others are not
+            given such samples.
     """
+
+    takes_directions: ClassVar[bool] = False
 
     diagnostics_: dict[str, float]
     springs_: Any
@@ -209,6 +214,16 @@ def interface_fault(model: object) -> str:
         except TypeError as error:
             return f"has {name}{signature}: {error} (valid: {definition})"
     return ""
+
+
+def check_readings(model: object, samples: Samples) -> None:
+    """Raise ConfigError if samples were read along directions that a model cannot learn from."""
+    n = samples.directions.shape[1] if samples.directions.size else 0
+    if n and not getattr(model, "takes_directions", False):
+        raise ConfigError(
+            f"{type(model).__name__} learns from deflections along x, y and z; these samples have "
+            f"{n} number{'s' * (n > 1)} a row, each along a direction of its own"
+        )
 
 
 def interval_at_tcp(

@@ -55,6 +55,14 @@ Deflection = Callable[[FloatArray, FloatArray], FloatArray]
 SHOWN_ROWS = 5
 """Number of samples in a short view."""
 
+_WHERE_STATED = {"hashed_where_stated": True}
+_UNIT_LENGTH_TOLERANCE, _SPAN_TOLERANCE = 1e-6, 1e-9
+"""Of a direction's length, and of a deflection's part outside its directions, m."""
+
+
+def _not_stated() -> FloatArray:
+    return np.empty(0)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples(ShownObject):
@@ -69,6 +77,13 @@ class Samples(ShownObject):
         group: (n,) name of the part of the measurement plan the pose belongs to.
         instrument_noise: standard deviation of a measured deflection's error, m, per axis, as
             stated by the data card; 0 if not stated.
+        order: (n,) number or time of each reading, in the order of the measurement; empty: not
+            stated, like the arrays below.
+        approach: (n, n_joints) direction from which each joint reached the pose, 1 or -1; 0: it
+            did not move.
+        after: (n, 3) displacement of the TCP that stays after the load is removed, m, base frame.
+        directions: (n, m, 3) unit vectors, base frame, along which one to three numbers were read;
+            `deflection` is then the smallest vector with these `values`. Empty: x, y and z.
     """
 
     q: FloatArray
@@ -77,7 +92,11 @@ class Samples(ShownObject):
     pose_id: TextArray
     load_id: TextArray
     group: TextArray
-    instrument_noise: float = field(default=0.0, metadata={"hashed_where_stated": True})
+    instrument_noise: float = field(default=0.0, metadata=_WHERE_STATED)
+    order: FloatArray = field(default_factory=_not_stated, metadata=_WHERE_STATED)
+    approach: FloatArray = field(default_factory=_not_stated, metadata=_WHERE_STATED)
+    after: FloatArray = field(default_factory=_not_stated, metadata=_WHERE_STATED)
+    directions: FloatArray = field(default_factory=_not_stated, metadata=_WHERE_STATED)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.instrument_noise < np.inf:
@@ -86,12 +105,43 @@ class Samples(ShownObject):
         freeze(self, q=(None, None))
         n = len(self.q)
         freeze(self, wrench=(n, 6), deflection=(n, 3))
+        self._freeze_optional(n)
         for name in ("pose_id", "load_id", "group"):
             text = np.array(getattr(self, name), dtype=np.str_)
             if text.shape != (n,):
                 raise DataError(f"{name} has shape {text.shape}, expected ({n},)")
             text.flags.writeable = False
             object.__setattr__(self, name, text)
+
+    def _freeze_optional(self, n: int) -> None:
+        """Check the arrays that a file may state, and make them read-only."""
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "order": (n,),
+            "approach": (n, self.q.shape[1]),
+            "after": (n, 3),
+            "directions": (n, None, 3),
+        }
+        for name, shape in shapes.items():
+            freeze(self, **{name: shape if np.size(getattr(self, name)) else (0,)})
+        if not np.isin(self.approach, (-1.0, 0.0, 1.0)).all():
+            raise DataError("approach holds other numbers than 1, -1 and 0")
+        if not self.directions.size:
+            return
+        lengths = np.linalg.norm(self.directions, axis=2)
+        if not np.allclose(lengths, 1.0, rtol=0.0, atol=_UNIT_LENGTH_TOLERANCE):
+            raise DataError("directions holds vectors whose length is not 1")
+        if (np.linalg.matrix_rank(self.directions) < self.directions.shape[1]).any():
+            raise DataError("directions holds several numbers along one direction")
+        smallest = np.linalg.pinv(self.directions) @ self.values[..., None]
+        if np.abs(smallest[..., 0] - self.deflection).max() > _SPAN_TOLERANCE:
+            raise DataError("deflection has a part outside its directions")
+
+    @property
+    def values(self) -> FloatArray:
+        """(n, m) numbers that were read along `directions`, m."""
+        if not self.directions.size:
+            return self.deflection
+        return np.asarray((self.directions @ self.deflection[..., None])[..., 0])
 
     def __len__(self) -> int:
         return len(self.q)
@@ -118,17 +168,33 @@ class Samples(ShownObject):
 
     def take(self, rows: IntArray) -> Self:
         """Return the samples of the given row numbers, in that order."""
-        return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})
+        return replace(self, **{name: getattr(self, name)[rows] for name in self.columns})
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the fields with a row per sample, without those that are not stated."""
+        optional = (item.name for item in fields(self) if "hashed_where_stated" in item.metadata)
+        stated = (name for name in optional if np.ndim(getattr(self, name)))
+        return (*_COLUMNS, *(name for name in stated if getattr(self, name).size))
 
     @classmethod
     def together(cls, *parts: Samples) -> Self:
-        """Return the samples of all parts, in their order, with their largest noise."""
-        columns = {name: np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS}
+        """Return the samples of all parts, in their order, with their largest noise.
+
+        What one of them does not state is left out, except directions: DataError.
+        """
+        parts = tuple(part for part in parts if len(part)) or parts[:1]
+        names = [n for n in parts[0].columns if all(n in part.columns for part in parts)]
+        if "directions" not in names and any(part.directions.size for part in parts):
+            raise DataError("some samples were read along x, y and z, others along directions")
+        columns = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
         return cls(**columns, instrument_noise=max(part.instrument_noise for part in parts))
 
 
-COLUMNS = tuple(item.name for item in fields(Samples) if item.name != "instrument_noise")
-"""Fields of `Samples` with a row per sample."""
+_COLUMNS = tuple(
+    item.name for item in fields(Samples) if "hashed_where_stated" not in item.metadata
+)
+"""Fields of `Samples` with a row per sample that are always stated."""
 
 
 def _range(vectors: FloatArray) -> str:
@@ -329,7 +395,8 @@ class BenchmarkData(ShownObject):
         for owner in (self.samples, self.robot):
             for item in fields(owner):
                 value = getattr(owner, item.name)
-                unstated = "hashed_where_stated" in item.metadata and not value
+                stated = value.size if isinstance(value, np.ndarray) else value
+                unstated = "hashed_where_stated" in item.metadata and not stated
                 if "shapes_no_result" in item.metadata or unstated:
                     continue
                 digest.update(item.name.encode())

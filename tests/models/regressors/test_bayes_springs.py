@@ -14,6 +14,7 @@ from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models import load
 from stiff_models.physics.full_vjm import FullVjm, spring_regressor, typical_springs
 from stiff_models.physics.vjm import VirtualJointModel
+from stiff_models.regressors.arm_loads import OWN_AXIS, ArmLoads, Rig, Sizes, friction_turns
 from stiff_models.regressors.bayes_springs import BayesSprings
 from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
@@ -112,6 +113,43 @@ def test_a_planted_force_point_is_found_and_left_out_of_predictions(clean):
     assert error(model.predict(train.q, written), train.deflection) > 0.035
 
 
+def test_a_planted_drift_is_found_where_the_file_states_an_order(clean):
+    train, test, truth = divided(clean, 60)
+    order = np.argsort(np.argsort(train.pose_id)).astype(float)
+    drift = 4e-4 * (order / 59.0)[:, None] ** 2 * [0.6, 0.0, -0.8]  # m
+    drifted = replace(train, deflection=train.deflection + drift)
+    silent = BayesSprings().fit(drifted, robot=clean.robot)
+    model = BayesSprings().fit(replace(drifted, order=order), robot=clean.robot)
+    assert "contribution of drift [mm]" not in silent.diagnostics_
+    size = 1e3 * np.linalg.norm(drift, axis=1).mean()
+    assert model.diagnostics_["contribution of drift [mm]"] == pytest.approx(size, rel=0.2)
+    assert error(predict(model, test), truth) < 0.5 * error(predict(silent, test), truth)
+    of_robot, of_reading = (
+        model.deviation(test.q, test.wrench, reading=reading) for reading in (False, True)
+    )
+    assert (of_reading**2 > of_robot**2 + model.file_variance_).all()
+
+
+def test_friction_of_a_known_approach_is_found_and_left_out_of_predictions(clean, rng):
+    train, test, truth = divided(clean, 60)
+    approach = rng.choice([-1.0, 1.0], train.q.shape)
+    loads = ArmLoads.of(clean.robot, train.q, train.wrench, Rig.perfect(6))
+    turned = 3.0 * approach * friction_turns(loads, Sizes.of(clean.robot, train), 0.2)
+    moved = np.einsum("nkj,nj->nk", loads.move[:, :, 1:, OWN_AXIS], 0.1 * turned)
+    stuck = replace(train, deflection=train.deflection + moved)
+    silent = BayesSprings().fit(stuck, robot=clean.robot)
+    model = BayesSprings().fit(replace(stuck, approach=approach), robot=clean.robot)
+    assert error(predict(model, test), truth) < 0.5 * error(predict(silent, test), truth)
+
+
+def test_groups_after_a_minus_are_left_out_with_all_that_share_their_first_word(few):
+    robot, train = few
+    model = BayesSprings(groups="-links+lost motion").fit(train, robot=robot)
+    names = [name for name in model.diagnostics_ if name.startswith("contribution of ")]
+    assert not [name for name in names if "links" in name or "lost motion" in name]
+    assert [name for name in names if "bearing play" in name]
+
+
 @pytest.mark.slow
 def test_planted_masses_are_found(clean):
     light = replace(clean.robot, masses=clean.robot.masses / 1.2)
@@ -183,7 +221,9 @@ def test_a_wrong_tcp_is_found(rng):
     assert error(predict(model, test), test.deflection) < 0.01
 
 
-@pytest.mark.parametrize("groups", ["springs", "joints+", "weights", "force point+force sensor"])
+@pytest.mark.parametrize(
+    "groups", ["springs", "joints+", "-", "-springs", "weights", "force point+force sensor"]
+)
 def test_groups_that_are_unknown_or_do_not_bend_the_robot_are_refused(groups, few):
     robot, train = few
     with pytest.raises(ConfigError, match="groups"):

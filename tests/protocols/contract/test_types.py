@@ -71,6 +71,61 @@ def test_the_noise_of_the_instrument_stays_with_the_samples_and_is_hashed_where_
     assert BenchmarkData(make(instrument_noise=np.float64(2e-5)), kr10).sha256 in hashes
 
 
+STATED = {
+    "order": np.array([2.0, 1.0]),
+    "approach": np.array([[1.0, -1.0, 0.0, 1.0, 1.0, -1.0]] * 2),
+    "after": np.full((2, 3), 1e-6),
+    "directions": np.tile(np.eye(3), (2, 1, 1)),
+}
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_what_a_file_may_state_is_hashed_where_it_is_stated_and_stays_with_its_rows(name, kr10):
+    plain, stated = make(), make(**{name: STATED[name]})
+    assert BenchmarkData(stated, kr10).sha256 != BenchmarkData(plain, kr10).sha256
+    assert getattr(plain, name).size == 0 and name not in plain.columns
+    row = stated.take(np.array([1]))
+    np.testing.assert_array_equal(getattr(row, name), STATED[name][1:])
+    np.testing.assert_array_equal(
+        getattr(Samples.together(row, stated), name), STATED[name][[1, 0, 1]]
+    )
+
+
+def test_samples_together_state_what_each_of_them_states():
+    stated, nothing = make(**STATED), make().take(np.array([], dtype=int))
+    assert set(STATED) <= {*Samples.together(nothing, stated).columns}
+    without = replace(make(), directions=STATED["directions"])
+    assert Samples.together(stated, without).order.size == 0
+    with pytest.raises(DataError, match="along directions"):
+        Samples.together(stated, make())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"order": [1.0]}, r"order has shape \(1,\), expected 2"),
+        ({"approach": np.full((2, 6), 0.5)}, "approach holds other numbers"),
+        ({"approach": np.ones((2, 3))}, "approach has shape"),
+        ({"after": np.full((2, 3), np.nan)}, "after.* is nan"),
+        ({"directions": np.full((2, 1, 3), 1.0)}, "length is not 1"),
+        ({"directions": np.eye(3)[[[0], [1]]]}, "a part outside its directions"),
+        ({"directions": np.eye(3)[[[0, 0], [0, 1]]]}, "several numbers along one direction"),
+    ],
+)
+def test_impossible_statements_are_refused_by_name(changes, message):
+    with pytest.raises(DataError, match=message):
+        make(**changes)
+
+
+def test_a_reading_along_one_direction_is_its_value_along_it(rng):
+    directions = rng.normal(size=(2, 1, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    values = np.array([[1e-3], [-2e-3]])
+    samples = make(deflection=values * directions[:, 0], directions=directions)
+    np.testing.assert_allclose(samples.values, values)
+    np.testing.assert_array_equal(make().values, make().deflection)
+
+
 def test_samples_of_another_number_of_joints_do_not_fit_a_robot(kr10):
     with pytest.raises(DataError, match="samples have 5 joint angles, robot 'kr10_r1100_2' has 6"):
         BenchmarkData(make(q=np.zeros((2, 5))), kr10)
