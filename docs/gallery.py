@@ -35,9 +35,9 @@ bench figure scores --results results/runs --output scores.png
 More pictures: [tool path](correct-a-path.md), [stiffness map and posture](place-the-work.md),
 [board](read-the-results.md).
 """
-COMPARED = ("vjm", "vjm-full", "vjm-multisegment", "vjm-gp", "gp-springs")
+COMPARED = ("vjm", "vjm-full", "vjm-multisegment", "vjm-gp", "bayes-springs")
 OF_COMPARED = ("scores", "regression", "errors", "workspace", "springs")
-CURVES = ("vjm", "vjm-gp", "gp-springs")
+CURVES = ("vjm", "vjm-gp", "bayes-springs")
 COVERAGES = (0.5, 0.7, 0.9)
 
 
@@ -56,6 +56,8 @@ def prepare(name: str) -> Prepared:
         return sb.figure(name)
     if name in OF_COMPARED:
         return sb.figure(name, compared_models())
+    if name == "what-bends":
+        return sb.figure(name, sb.evaluate(["bayes-springs"], "arm-family@robot=8", splits=3))
     if name == "robot":
         return sb.figure(name, sb.load_dataset("kr10-twin"))
     if name == "learning-curves":
@@ -65,7 +67,7 @@ def prepare(name: str) -> Prepared:
         with tempfile.TemporaryDirectory() as folder:
             for coverage in COVERAGES:
                 sb.evaluate(
-                    ["vjm", "gp-springs"],
+                    ["vjm", "bayes-springs"],
                     "kr10-twin",
                     splits=3,
                     metrics=["coverage"],

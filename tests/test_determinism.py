@@ -31,13 +31,18 @@ CONVOLUTION_TOLERANCE_M = 2e-5
 0.003 mm after these few steps."""
 
 WIDE = "ft-mlp at its full width"
-WIDE_OPTIONS = {"pretrain_steps": 20, "epochs": 20}
-"""Options with the recipe's 380 nodes, for which libraries divide their work by the threads."""
+VARIANTS: dict[str, tuple[str, dict[str, object]]] = {
+    WIDE: ("ft-mlp", {"pretrain_steps": 20, "epochs": 20}),
+    "gp, default recipe": ("gp", {}),
+    "vjm-gp, default recipe": ("vjm-gp", {}),
+}
+"""Other options than the quick ones: the recipe's 380 nodes, for which libraries divide their work
+by the threads, and searches for hyperparameters from all starts."""
 
 
 def prediction(key: str) -> np.ndarray:
-    """Fit a model with its quick options and predict the KR10 twin's samples."""
-    name, options = ("ft-mlp", WIDE_OPTIONS) if key == WIDE else (key, model_info(key).quick)
+    """Fit a model with its quick options, or a variant, and predict the KR10 twin's samples."""
+    name, options = VARIANTS[key] if key in VARIANTS else (key, model_info(key).quick)
     samples = twin_data().samples
     return np.asarray(
         fitted(name, options, chosen=True, seed=SEED).predict(samples.q, samples.wrench)
@@ -45,7 +50,7 @@ def prediction(key: str) -> np.ndarray:
 
 
 def usable_models() -> list[str]:
-    return [WIDE, *(key for key in KEYS if not model_info(key).missing())]
+    return [*VARIANTS, *(key for key in KEYS if not model_info(key).missing())]
 
 
 def write_predictions(path: str, keys: list[str]) -> None:
@@ -90,7 +95,7 @@ def test_a_cells_prediction_does_not_depend_on_the_cells_before(models, tasks_of
 
 @pytest.mark.slow
 @pytest.mark.parametrize("process", [OTHER_ORDER, MORE_THREADS], ids=["other order", "two threads"])
-@pytest.mark.parametrize("key", [WIDE, *KEYS])
+@pytest.mark.parametrize("key", [*VARIANTS, *KEYS])
 def test_every_model_predicts_the_same_in_another_process_order_and_number_of_threads(
     key, process, process_predictions
 ):

@@ -211,5 +211,5 @@ def test_the_tutorial_can_be_followed_to_the_end(tmp_path):
         assert done.returncode == 0, done.stderr
         printed += done.stdout
     assert "my.csv: ok" in printed
-    assert "gp-springs is better than vjm on my.csv" in printed
+    assert "bayes-springs is better than vjm on my.csv" in printed
     assert len((tmp_path / "predicted.csv").read_text("utf-8").splitlines()) == 61

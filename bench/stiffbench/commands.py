@@ -561,7 +561,9 @@ COMMANDS = {
         ),
     ],
     "Use a model on your robot": [
-        Command("fit", "", "--model gp-springs --data my.csv --robot ur5 --output my.stiff", _fit),
+        Command(
+            "fit", "", "--model bayes-springs --data my.csv --robot ur5 --output my.stiff", _fit
+        ),
         Command(
             "predict",
             "Model.predict_file",

@@ -83,7 +83,7 @@ def find_dataset(
     if robot is not None or options != DEFAULTS or path.is_file():
         raise ConfigError(
             f"{key}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
-            "--robot, --urdf, --tip, --tcp, --no-torque, --sheet or --pose-tolerance)"
+            "--robot, --urdf, --tip, --tcp, --no-torque, --sheet, --pose-tolerance or --register)"
         )
     return sb.Dataset(chosen_dataset(key, settings, registry()))
 
@@ -99,7 +99,8 @@ def find_own_data(
     """
     if not data and (robot is not None or options != DEFAULTS):
         raise ConfigError(
-            "--robot, --urdf, --no-torque, --sheet and --pose-tolerance require --data FILE"
+            "--robot, --urdf, --no-torque, --sheet, --pose-tolerance and --register require "
+            "--data FILE"
         )
     return [sb.Dataset.of_file(file, robot, options) for file in data]
 

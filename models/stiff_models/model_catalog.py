@@ -20,7 +20,6 @@ SpringModel = Literal[
     "vjm-full",
     "fourier-springs",
     "curve-springs",
-    "gp-springs",
     "bayes-springs",
 ]
 """Keys of the spring models, which other families build on."""
@@ -96,16 +95,6 @@ MODELS = (
         "few parameters",
         reference="the yardstick for models that learn a curve; docs/models.md",
         grids={"default": {"weights": ("equal", "student")}},
-    ),
-    ModelInfo(
-        key="gp-springs",
-        target="stiff_models.regressors.gp_springs:GpSprings",
-        summary="Gaussian processes over the torque-deflection curves of 18 virtual springs",
-        equation="d = sum over springs s of a_s [phi_s(tau_g + tau) - phi_s(tau_g)] + remainder; "
-        "phi_s are GPs",
-        reference="docs/definitions.md; lost motion that every load takes up again: Masing 1926",
-        quick={"search_rows": 10},
-        grids={"default": {"springs": (6, 18), "remainder": (True, False)}},
     ),
     ModelInfo(
         key="bayes-springs",

@@ -24,11 +24,11 @@ from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
 
 DATASETS = ("kr10-twin", "arm-family@robot=0", "arm-family@robot=4")
-MODELS = ("vjm", "gp", "vjm-gp", "gp-springs")
+MODELS = ("vjm", "gp", "vjm-gp", "bayes-springs")
 Loads = Literal["measured", "any direction"]
 LOADS: tuple[Loads, ...] = ("measured", "any direction")
 TWINS, PLANNED = ("kr10_r1100_2", "gp12", "ur5"), (30, 60, 120)
-PLANNED_MODELS = ("vjm", "vjm-full", "gp", "vjm-gp", "gp-springs")
+PLANNED_MODELS = ("vjm", "vjm-full", "gp", "vjm-gp", "bayes-springs")
 CANDIDATES, CLEARANCE = 2000, 0.2
 N_POSES, COVERAGE, NOISE_MM = 500, 0.9, 0.014
 """Random poses; nominal coverage of an axis; noise of a tracker's deflection."""

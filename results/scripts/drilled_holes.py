@@ -20,7 +20,7 @@ from stiff_bench.api.postures import axial_compliance
 from stiff_datasets.measured.drilled_holes import DRILL_AXIS, FURTHER_TESTS
 from stiff_protocols.contract.types import FloatArray
 
-MODELS = ("vjm", "vjm-full", "gp-springs")
+MODELS = ("vjm", "vjm-full", "bayes-springs")
 FORCE_N = 500.0  # in the middle of the training loads
 COVERAGE, SHUFFLES = 0.9, 20_000
 MICROMETRES_PER_N = 1e6

@@ -50,7 +50,7 @@ FALSIFIED = {
     "z -30 mm": (0.0, 0.0, -0.03),
 }
 """The measured and loaded point from the card's TCP, last joint's frame, m."""
-PATH_MODELS = ("vjm", "vjm-full", "vjm-multisegment", "gp-springs")
+PATH_MODELS = ("vjm", "vjm-full", "vjm-multisegment", "bayes-springs")
 
 
 def screws_of(coupled: bool) -> FloatArray:

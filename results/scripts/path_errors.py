@@ -18,7 +18,7 @@ from stiff_bench.paper.study_file import find_study
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.splits.path_compensation import HoldoutPaths
 
-MODELS = ("vjm", "vjm-full", "vjm-multisegment", "vjm-gp", "gp-springs")
+MODELS = ("vjm", "vjm-full", "vjm-multisegment", "vjm-gp", "bayes-springs")
 PLACES = ("test poses", "predicted at path points", "left on the paths")
 
 

@@ -35,7 +35,7 @@ ANCHORED = {"ft-mlp", "deep-ensemble"}
 SPRINGS = {"vjm"} | RESIDUAL | PRETRAINED  # one linear spring per joint
 FULL = {"vjm-full", "vjm-full, ridge"}
 RIDGE = {"vjm-full, ridge", "curve-springs", "curve-springs, student"}
-CURVES = {"gp-springs", "curve-springs", "curve-springs, student"}
+CURVES = {"curve-springs", "curve-springs, student"}
 BAYES = {"bayes-springs"}
 IDENTIFY = SPRINGS | SEGMENTS | FULL | CURVES | BAYES | {"fourier-springs"}
 

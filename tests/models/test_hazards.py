@@ -175,7 +175,7 @@ def test_linear_springs_scale_with_the_load_whatever_its_size(variant, atol, hea
         )
 
 
-@pytest.mark.parametrize("variant", ["knn", "vjm", "gp-springs", "mlp", "forest"])
+@pytest.mark.parametrize("variant", ["knn", "vjm", "bayes-springs", "mlp", "forest"])
 def test_arrays_of_any_kind_and_no_rows_are_predicted_and_what_is_no_number_is_refused(
     variant, healthy
 ):

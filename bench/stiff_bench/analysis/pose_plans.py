@@ -1,4 +1,4 @@
-"""Choose the poses to measure, first or next, and estimate their gain."""
+"""Choose the poses to measure, first or next, and compare them with random poses."""
 
 from __future__ import annotations
 
@@ -11,27 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
 
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.whole_fit import whole_fit
-from stiff_bench.tables.published import published_stiffness
 from stiff_bench.tables.table import Column, Entry, Table
-from stiff_bench.tables.units import MM, counted, percent
+from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import plain_text
-from stiff_datasets.measured.identifiability import (
-    DEFLECTION_NOISE,
-    REFERENCE_COMPLIANCE,
-    regressor,
-)
+from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, regressor
 from stiff_datasets.measured.load_file import Loads, read_loads
-from stiff_datasets.planning.design import Criterion, Design, ProcessDesign, SpringDesign
+from stiff_datasets.measured.sample_columns import Criterion
+from stiff_datasets.planning.design import Design, ProcessDesign, SpringDesign
 from stiff_datasets.planning.plan import (
     FORCE_SHARE,
     MeasurementPlan,
     candidate_plan,
     chosen_plan,
-    paper_plan,
     unmeasured,
 )
 from stiff_datasets.planning.plan_gain import (
@@ -42,25 +36,24 @@ from stiff_datasets.planning.plan_gain import (
     variance_gain,
 )
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
-    StiffBenchError,
+    ModelError,
 )
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import Robot, Samples
 
-FIRST_POSES, NEXT_POSES = 151, 10
-"""Default numbers of planned poses; the paper measured 151."""
+PLANNING_MODEL = "bayes-springs"
+"""Model that the next poses are chosen for, by default; its priors hold for any number of poses."""
+FIRST_POSES, NEXT_POSES = 60, 10
+"""Default numbers of planned poses."""
 FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
 WORKSPACE_POSES = 500
 """Number of random loads that represent the reachable workspace."""
-FEWEST_FOR_PROCESS = 10
+FEWEST_FOR_KERNELS = 10
 """Fewest poses to plan with a Gaussian process: with fewer its length scales are meaningless."""
-CONFIDENCE = 0.9
-"""Confidence of the printed intervals."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +81,11 @@ class PosePlan:
     Attributes:
         plan: planned poses.
         gain: gain over random plans.
-        table: gain as a table.
-        findings: sentences printed below the table.
+        findings: lines on the gain.
     """
 
     plan: MeasurementPlan
     gain: PlanGain | VarianceGain
-    table: Table
     findings: list[str]
 
     def report(
@@ -116,8 +107,6 @@ class PosePlan:
             f"{file}: {counted(len(self.plan.q), 'pose')} of {robot.name}{after}, one suggested "
             f"force each ({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)",
             "",
-            plain_text(self.table),
-            "",
             *self.findings,
             "Checked: joint limits, the arm's centre line against base column and ground.",
             "Not checked: shape of links and tool, surroundings. Approach each pose slowly.",
@@ -129,56 +118,35 @@ class PosePlan:
         return "\n".join(lines)
 
 
-def first_plan(robot: Robot, how: PlanOptions, *, is_paper_robot: bool = False) -> PosePlan:
+def first_plan(robot: Robot, how: PlanOptions) -> PosePlan:
     """Return a plan for a robot without measurements.
-
-    With `is_paper_robot` the robot is the source paper's KR10, with known plan and stiffnesses.
 
     Raises:
         ConfigError: an argument is out of range.
     """
     n_poses = FIRST_POSES if how.poses is None else how.poses
-    reference = np.full(robot.n_joints, REFERENCE_COMPLIANCE)
     pool = how.draw_candidates(robot, n_poses)
     regressors = regressor(robot, pool.q, pool.wrench)
-    if is_paper_robot:
-        stiffness = published_stiffness()
-        reference = np.array([1.0 / stiffness[joint] for joint in robot.joint_names])
-    if is_paper_robot and how.poses is None and how.criterion is None:
-        name = "the paper's plan"
-        plan = paper_plan(robot, how.payload_kg, how.seed, how.clearance)
-    else:
-        design = SpringDesign(regressors, how.criterion or "d-optimal")
-        name = f"chosen, {design.criterion}"
-        plan, _ = chosen_plan(pool, n_poses, design)
-    gain = plan_gain(
-        regressor(robot, plan.q, plan.wrench),
-        regressors,
-        robot.joint_names,
-        reference_compliance=reference,
-        seed=how.seed,
-    )
+    design = SpringDesign(regressors, how.criterion or "d-optimal")
+    plan, chosen = chosen_plan(pool, n_poses, design)
+    gain = plan_gain(regressors[chosen], regressors, robot.joint_names, seed=how.seed)
     compared_plans = (gain.plan, gain.random_mean, gain.random_best)
-    rows: list[list[Entry]] = [
+    rows: list[Sequence[Entry]] = [
         ["condition number", *(plan_numbers.condition for plan_numbers in compared_plans)],
         ["log det of information", *(plan_numbers.log_det for plan_numbers in compared_plans)],
     ]
-    if is_paper_robot:  # errors are relative to known stiffnesses
-        errors = (100.0 * plan_numbers.worst_error for plan_numbers in compared_plans)
-        rows.insert(1, ["worst joint's standard error [%]", *errors])
-    names = (name, f"mean of {N_RANDOM} random", "best random")
+    names = (f"chosen, {design.criterion}", f"mean of {N_RANDOM} random", "best random")
+    columns = [Column("poses", "text"), *(Column(name, format=".2f") for name in names)]
     worse = ": worse than random poses" * (gain.efficiency < 1.0)
     findings = [
+        plain_text(Table("", columns, rows)),
+        "",
         f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
-        f"{gain.efficiency_over_best:.2f} relative to the best one{worse}."
+        f"{gain.efficiency_over_best:.2f} relative to the best one{worse}.",
     ]
     if unseen := [joint for joint in robot.joint_names if joint not in gain.joints]:
         findings.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
-    return PosePlan(plan, gain, _table("poses", names, rows, ".2f"), findings)
-
-
-def _table(first: str, names: Sequence[str], rows: Sequence[Sequence[Entry]], spec: str) -> Table:
-    return Table("", [Column(first, "text"), *(Column(name, format=spec) for name in names)], rows)
+    return PosePlan(plan, gain, findings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,23 +176,20 @@ class Measured:
         return offers(self.model.cls, "covariance")
 
     @cached_property
-    def springs(self) -> Any:
-        """Return joint springs fitted to the samples; DataError: they cannot be fitted."""
+    def fitted(self) -> Any:
+        """Return the model fitted to the samples; DataError: it cannot be fitted."""
         try:
             with warnings.catch_warnings(action="ignore"):
-                return fitted_physics("vjm", self.samples, self.robot)
-        except StiffBenchError as error:
+                return whole_fit(self.model, self.samples, self.robot)[0]
+        except ModelError as error:
             raise DataError(f"{self.file}: {error}") from error
 
-    def design(
-        self, pool: MeasurementPlan, workspace: Loads, criterion: Criterion, seed: int
-    ) -> Design:
+    def design(self, pool: MeasurementPlan, workspace: Loads, criterion: Criterion) -> Design:
         """Return the design that chooses among candidates for predictions in the workspace."""
-        samples, robot = self.samples, self.robot
         if self.is_process:
-            model, _ = whole_fit(self.model, samples, robot, seed=seed)
-            return ProcessDesign(model, pool, workspace)
-        residuals = samples.deflection - self.springs.predict(samples.q, samples.wrench)
+            return ProcessDesign(self.fitted, pool, workspace)
+        samples, robot = self.samples, self.robot
+        residuals = samples.deflection - self.fitted.predict(samples.q, samples.wrench)
         free = max(samples.deflection.size - robot.n_joints, 1)
         return SpringDesign(
             regressor(robot, pool.q, pool.wrench),
@@ -233,6 +198,34 @@ class Measured:
             regressor(robot, samples.q, samples.wrench),
             max(float((residuals**2).sum()) / free, DEFLECTION_NOISE**2),
         )
+
+    def check(self, criterion: Criterion) -> None:
+        """Check that the model can choose poses by a criterion.
+
+        Raises:
+            ConfigError: the model does not predict how well it knows a pose, or not by the
+                criterion.
+            DataError: the poses are too few for the model.
+        """
+        model = self.model
+        if not (self.is_process or model.info.key == REFERENCE_MODEL):
+            raise ConfigError(
+                f"{model.name!r} cannot tell how much a pose would teach it (valid: "
+                f"{PLANNING_MODEL}, gp, vjm-gp, {REFERENCE_MODEL} for joint springs, or a plug-in "
+                "with `covariance`)",
+                "model",
+            )
+        if self.is_process and criterion != "i-optimal":
+            raise ConfigError(
+                f"{criterion}: only for joint springs (valid with {model.name}: i-optimal)",
+                "criterion",
+            )
+        has_kernels = self.is_process and model.info.key != PLANNING_MODEL
+        if has_kernels and self.n_poses < FEWEST_FOR_KERNELS:
+            raise DataError(
+                f"{self.file}: {self.n_poses} poses; {model.name} needs at least "
+                f"{FEWEST_FOR_KERNELS} poses to plan (with fewer use --model {PLANNING_MODEL})"
+            )
 
 
 def next_plan(
@@ -247,24 +240,10 @@ def next_plan(
         ConfigError: an argument is wrong, or the model does not support the criterion.
         DataError: a file cannot be read, or has too few poses for the model.
     """
-    model, robot, samples = measured.model, measured.robot, measured.samples
+    robot, samples = measured.robot, measured.samples
     n_new = NEXT_POSES if how.poses is None else how.poses
     criterion = how.criterion or "i-optimal"
-    if not (measured.is_process or model.info.key == REFERENCE_MODEL):
-        raise ConfigError(
-            f"{model.name!r} cannot estimate the gain of a pose (valid: {REFERENCE_MODEL} for "
-            "joint springs, gp-springs, gp, vjm-gp)",
-            "model",
-        )
-    if measured.is_process and criterion != "i-optimal":
-        raise ConfigError(
-            f"{criterion}: only for joint springs (valid with {model.name}: i-optimal)", "criterion"
-        )
-    if measured.is_process and measured.n_poses < FEWEST_FOR_PROCESS:
-        raise DataError(
-            f"{measured.file}: {measured.n_poses} poses; {model.name} needs at least "
-            f"{FEWEST_FOR_PROCESS} poses to plan (with fewer use --model {REFERENCE_MODEL})"
-        )
+    measured.check(criterion)
     if workspace is None:
         drawn = how.draw_candidates(robot, n_new, WORKSPACE_POSES)
         where: Loads = drawn.take(slice(WORKSPACE_POSES))
@@ -274,37 +253,20 @@ def next_plan(
         where, pool = read_loads(Path(workspace), robot), how.draw_candidates(robot, n_new)
         place = f"{counted(len(where.q), 'row')} of {workspace}"
     pool = unmeasured(pool, samples, robot)
-    design = measured.design(pool, where, criterion, how.seed)
+    design = measured.design(pool, where, criterion)
     plan, chosen = chosen_plan(pool, n_new, design, measured=samples)
     gain = variance_gain(design, chosen, len(pool.q), seed=how.seed)
-    variances = np.array(gain)
-    half = ndtri(0.5 + CONFIDENCE / 2.0) * np.sqrt(variances + design.noise)
-    names = (
-        f"{measured.n_poses} measured",
-        f"+ {n_new} chosen, {criterion}",
-        f"+ {n_new} random, mean of {N_RANDOM}",
-        f"+ {n_new} random, best of {N_RANDOM}",
-    )
-    sizes = np.column_stack([np.sqrt(variances), half]) * MM  # (4, 2)
-    rows: list[list[Entry]] = [
-        [name, *(size if np.isfinite(size) else None for size in entries)]
-        for name, entries in zip(names, sizes.tolist(), strict=True)
-    ]
-    headings = ("standard error [mm]", f"half of the {percent(CONFIDENCE)} interval [mm]")
-    table = _table("prediction with poses", headings, rows, ".4f")
-    return PosePlan(plan, gain, table, _findings(measured, gain, place))
+    return PosePlan(plan, gain, _findings(measured, gain, place))
 
 
 def _findings(measured: Measured, gain: VarianceGain, place: str) -> list[str]:
     """Return sentences on a plan's gain, one per line."""
-    springs, model = not measured.is_process, measured.model
-    predicting = REFERENCE_MODEL if springs else model.name
-    lines = [f"Predictions of {predicting}, per axis, over the workspace: {place}."]
+    lines = [f"Chosen for predictions of {measured.model.name} over the workspace: {place}."]
     if 0.0 < gain.before < np.inf:
         lines.append(
-            f"The plan lowers their mean variance by {1.0 - gain.plan / gain.before:.0%}, "
-            f"{gain.ratio:.2f} times as much as random poses."
+            f"They inform the model {gain.ratio:.2f} times as much as random poses (decrease of "
+            "its variance)."
         )
-    if springs and (unknown := measured.springs.springs_.unidentifiable):
+    if not measured.is_process and (unknown := measured.fitted.springs_.unidentifiable):
         lines.append(f"Not identifiable from the measured poses: {', '.join(unknown)}.")
     return lines

@@ -225,7 +225,7 @@ def _source_file(choice: Choice[DatasetInfo]) -> MeasuredData | None:
     """Return the user's file of a data set; None: the data set has no file."""
     if choice.info.key == kr10_measured.KR10_MEASURED:
         entry = kr10_measured.registration()
-        options = FileOptions(entry.no_torque, entry.sheet, entry.pose_tolerance)
+        options = FileOptions(entry.no_torque, entry.sheet, entry.pose_tolerance, entry.register)
         return MeasuredData(csv=Path(entry.csv), robot=load_robot(), options=options)
     return choice.make() if "csv" in choice.context else None
 

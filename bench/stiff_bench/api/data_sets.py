@@ -90,14 +90,14 @@ class Dataset(ShownObject):
             DataError: samples and robot have different numbers of joints, or joint angles are in
                 degrees. Rows count from 0.
         """
-        from stiff_datasets.measured.sample_file import near_poses
+        from stiff_datasets.measured.sample_file import doubts_of_samples
 
         robot = as_robot(robot)
         dataset = cls(held_data(BenchmarkData(samples, robot), name))
         if in_degrees := degrees_text(samples.q, robot):
             raise DataError(f"{name}: {in_degrees}")
-        if near := near_poses(samples, robot, pose_tolerance):
-            warn(f"{name}: {near}")
+        for doubt in doubts_of_samples(samples, robot, pose_tolerance):
+            warn(f"{name}: {doubt}")
         return dataset
 
     @classmethod
@@ -109,6 +109,7 @@ class Dataset(ShownObject):
         name: str = "own-data",
         no_torque: bool = False,
         pose_tolerance: float = POSE_TOLERANCE,
+        register: bool = False,
     ) -> Dataset:
         """Return a data set of a table with the columns of a file (deg, N, N m, mm).
 
@@ -118,6 +119,7 @@ class Dataset(ShownObject):
             name: name of the data set in tables.
             no_torque: see `read_samples`.
             pose_tolerance: see `read_samples`.
+            register: see `read_samples`.
 
         Raises:
             ConfigError: `frame` is not a DataFrame, or the robot's name is unknown.
@@ -134,7 +136,7 @@ class Dataset(ShownObject):
                 "a file, and Dataset.from_samples(samples, robot) for arrays"
             )
         robot = as_robot(robot)
-        options = FileOptions(no_torque, None, pose_tolerance)
+        options = FileOptions(no_torque, None, pose_tolerance, register)
         samples = samples_of(Path(name), frame, robot, "no data set was made", options)
         return cls(held_data(BenchmarkData(samples, robot), name))
 
@@ -357,6 +359,7 @@ def read_samples(
     no_torque: bool = False,
     sheet: str | None = None,
     pose_tolerance: float = POSE_TOLERANCE,
+    register: bool = False,
 ) -> Dataset:
     """Read a file of measured samples.
 
@@ -369,12 +372,14 @@ def read_samples(
         pose_tolerance: largest difference of joint positions within a pose, for rows without
             `pose_id`, deg, and mm of prismatic joints; poses of two names within this difference
             give a warning.
+        register: True if positions are in a tracker's frame: deflections are turned to the base
+            frame, by the unloaded positions and the joint angles.
 
     Raises:
         ConfigError: `file` is not a path, the robot or the sheet is unknown, or `sheet` is
             missing for a file with several tables.
         DataError: the file or a value cannot be read; the message names row and column.
     """
-    dataset = Dataset.of_file(file, robot, FileOptions(no_torque, sheet, pose_tolerance))
+    dataset = Dataset.of_file(file, robot, FileOptions(no_torque, sheet, pose_tolerance, register))
     dataset.data  # noqa: B018  # raise errors here, not at the first use
     return dataset

@@ -14,7 +14,7 @@ import numpy as np
 from stiff_bench.analysis import pose_plans
 from stiff_bench.api.data_sets import path_of
 from stiff_bench.api.model import model_choice
-from stiff_bench.api.robots import as_robot, payload_of, robot_words, shipped_name
+from stiff_bench.api.robots import as_robot, payload_of, robot_words
 from stiff_bench.console import say
 from stiff_bench.parameter_types import Bounds, Count, FilePath, Form, PoseTolerance, Seed
 from stiff_bench.plan.cells import loaded
@@ -23,7 +23,7 @@ from stiff_bench.run.progress import display
 from stiff_bench.tables.writers import Text
 from stiff_datasets.measured import validation_report as validation
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
-from stiff_datasets.planning.design import Criterion
+from stiff_datasets.measured.sample_columns import Criterion
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.twin import simulate as simulation
@@ -36,9 +36,10 @@ from stiff_datasets.twin.constants import (
 from stiff_datasets.twin.effects import World
 from stiff_datasets.twin.experiment import Approach
 from stiff_datasets.twin.twin_data import TwinData
-from stiff_models.model_catalog import REFERENCE_MODEL, model_info
+from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
+from stiff_protocols.springs.identification import contributions
 
 
 def plan_poses(
@@ -57,6 +58,7 @@ def plan_poses(
     no_torque: bool = False,
     sheet: str | None = None,
     pose_tolerance: PoseTolerance = POSE_TOLERANCE,
+    register: bool = False,
 ) -> Text:
     """Write a measurement plan to fill in.
 
@@ -64,8 +66,8 @@ def plan_poses(
 
     Args:
         output: new .csv file.
-        poses: number of poses; by default 151, for the KR10 the poses of the paper, and 10 with
-            `after`.
+        poses: number of poses; by default 60, and 10 with `after`. Joints keep 2 deg (10 mm)
+            from their limits.
         criterion: criterion of the choice: joint compliances (d-optimal) or predictions
             (i-optimal); by default d-optimal, and i-optimal with `after`.
         candidates: number of random poses to choose from; by default 2000, or ten per pose.
@@ -74,14 +76,16 @@ def plan_poses(
         seed: seed of all random numbers.
         robot: robot to measure: a shipped name or a `Robot`; by default the KR10.
         after: measurement so far (.csv, .xlsx or .parquet); the plan has the next poses.
-        model: model to choose poses for, with `after`: joint springs (vjm, the default), or
-            gp-springs, gp or vjm-gp with their own intervals.
+        model: model to choose poses for, with `after`: bayes-springs (the default), gp, vjm-gp
+            or a plug-in by its own posterior, or vjm by joint springs.
         workspace: file (.csv) of poses and wrenches that predictions are needed for, with `after`;
             by default all that the robot can reach.
         no_torque: torques were not measured: their columns may be missing, or zero.
         sheet: sheet of an Excel file; by default the only one with a table.
         pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
             most this, in deg (prismatic joints: mm).
+        register: positions are in a tracker's frame: turn the deflections to the base frame, by the
+            unloaded positions and the joint angles.
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
@@ -90,7 +94,7 @@ def plan_poses(
     """
     output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
-    options = FileOptions(no_torque, sheet, pose_tolerance)
+    options = FileOptions(no_torque, sheet, pose_tolerance, register)
     if after is None:
         given = {"model": model, "workspace": workspace, **asdict(options)}
         for name, value in given.items():
@@ -103,13 +107,11 @@ def plan_poses(
     how = pose_plans.PlanOptions(poses, criterion, candidates, payload, clearance, seed)
     if after is None:
         with display():
-            plan = pose_plans.first_plan(
-                arm, how, is_paper_robot=shipped_name(arm) == DEFAULT_ROBOT
-            )
+            plan = pose_plans.first_plan(arm, how)
         measured = None
     else:
         file = measured_file(Path(after), arm, options)
-        fitted = model_choice(model or REFERENCE_MODEL, {})
+        fitted = model_choice(model or pose_plans.PLANNING_MODEL, {})
         measured = pose_plans.Measured(str(after), loaded(file).samples, arm, fitted)
         with display():
             plan = pose_plans.next_plan(measured, how, workspace)
@@ -125,6 +127,7 @@ def validate(
     no_torque: bool = False,
     sheet: str | None = None,
     pose_tolerance: PoseTolerance = POSE_TOLERANCE,
+    register: bool = False,
 ) -> validation.ValidationReport:
     """Check a measured file and name the likeliest mistake in it.
 
@@ -138,6 +141,8 @@ def validate(
         sheet: sheet of an Excel file; by default the only one with a table.
         pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
             most this, in deg (prismatic joints: mm); two poses this near are suspicious.
+        register: positions are in a tracker's frame: turn the deflections to the base frame, by the
+            unloaded positions and the joint angles.
 
     Returns:
         A printable report; its `verdict` is "ok", "suspicious" or "invalid".
@@ -145,19 +150,40 @@ def validate(
     Raises:
         ConfigError: `file` is not a path, or the robot's name is unknown.
     """
-    options = FileOptions(no_torque, sheet, pose_tolerance)
-    return validation.validate(path_of(file), as_robot(robot), options, _left_out_errors)
+    options = FileOptions(no_torque, sheet, pose_tolerance, register)
+    return validation.validate(path_of(file), as_robot(robot), options, _identified_parts)
 
 
-def _left_out_errors(samples: Samples, robot: Robot) -> FloatArray:
-    """Return (n, 3) errors [m] of `gp-springs` at left-out samples; NaN if it cannot be fitted."""
+MOST_PARTS, LEAST_OFFSET_MM, LEAST_WEIGHT_CHANGE = 4, 5.0, 15.0
+"""Parts that `validate` names; mm and % from which force point and weights are named."""
+
+
+def _identified_parts(samples: Samples, robot: Robot) -> tuple[FloatArray, dict[str, str]]:
+    """Return (n, 3) errors [m] of `bayes-springs` at left-out readings, and facts on its parts.
+
+    Without a fit the errors are NaN, and there are no facts.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)  # the report has the same message
         try:
-            model = model_info("gp-springs").load()().fit(samples, robot=robot)
+            model = model_info("bayes-springs").load()().fit(samples, robot=robot)
         except ModelError:
-            return np.full((len(samples), 3), np.nan)
-    return np.asarray(model.left_out_errors_at_)
+            return np.full(samples.deflection.shape, np.nan), {}
+    numbers = model.diagnostics_
+    sizes = {name: size for name, (size, *_) in contributions(numbers).items() if size}
+    largest = sorted(sizes, key=sizes.__getitem__, reverse=True)[:MOST_PARTS]
+    facts = {"what moves the tool": ", ".join(f"{name} {sizes[name]:.2g} mm" for name in largest)}
+    point = np.array([numbers[f"force point from the TCP, {axis} [mm]"] for axis in AXES])
+    if np.linalg.norm(point) > LEAST_OFFSET_MM:
+        place = ", ".join(f"{length:.0f}" for length in point)
+        facts["force point"] = f"({place}) mm from the TCP, in the frame of the last joint"
+    weights = {name: numbers[f"weights on {name} [%]"] for name in robot.joint_names}
+    changed = {n: share for n, share in weights.items() if abs(share - 100) > LEAST_WEIGHT_CHANGE}
+    if changed:
+        facts["weights"] = ", ".join(
+            f"{share:.0f} % of the description's on {name}" for name, share in changed.items()
+        )
+    return model.fold_errors_, facts
 
 
 def simulate(

@@ -15,7 +15,7 @@ from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of, degrees_te
 from stiff_bench.api.robots import same_geometry
 from stiff_bench.console import say
 from stiff_bench.parameter_types import FilePath, Fraction
-from stiff_bench.plan.cells import check_model
+from stiff_bench.plan.cells import DEFAULT_COVERAGE, check_model
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS, registry
 from stiff_bench.results.fit_values import metric_lines
@@ -51,7 +51,7 @@ from stiff_protocols.contract.types import (
 )
 from stiff_protocols.scoring.conformal import calibration_samples_needed, conformal_interval
 from stiff_protocols.scoring.cross_validated import CrossValidatedError
-from stiff_protocols.springs.identification import CONTRIBUTION, HIGH_END, LOST_MOTION, LOW_END
+from stiff_protocols.springs.identification import CONTRIBUTION, HIGH_END, LOW_END
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -59,8 +59,14 @@ if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
     from stiff_protocols.springs.identification import IdentifiedSprings
 
+MEAN_ERROR = "expected error, mean at left-out poses"
 MOST_NUMBERS = 4
 """Largest number of diagnostics in the short view of a model."""
+
+
+def half_width_name(coverage: float) -> str:
+    """Return the name of an interval's half width in texts: "90 % interval, half width"."""
+    return f"{percent(coverage)} interval, half width"
 
 
 class Model(ShownObject):
@@ -142,14 +148,19 @@ class Model(ShownObject):
         """
         q, wrench = self._loads(q, wrench)
         predicted = np.asarray(self.fitted.predict(q, wrench))
-        if not self._has_warned:
-            training_range, rows = self.training_range, (np.asarray(q), np.asarray(wrench))
-            words = training_range.extrapolates(*rows)
-            warning = extrapolation_warning(training_range, self.fitted.robot_, *rows, words)
-            self._has_warned = bool(warning)
-            if warning:
-                warn(warning)
+        self._warn_beyond_training(np.asarray(q), np.asarray(wrench))
         return predicted
+
+    def _warn_beyond_training(self, q: FloatArray, wrench: FloatArray) -> None:
+        """Warn once of (n, n_joints) q and (n, 6) wrenches beyond the training range."""
+        if self._has_warned:
+            return
+        training_range, robot = self.training_range, self.fitted.robot_
+        words = training_range.extrapolates(q, wrench)
+        warning = extrapolation_warning(training_range, robot, q, wrench, words)
+        self._has_warned = bool(warning)
+        if warning:
+            warn(warning, stacklevel=3)
 
     def predict_at_tcp(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection of the TCP, m, base frame.
@@ -178,12 +189,7 @@ class Model(ShownObject):
         if isinstance(q, Dataset):
             if wrench is not None:
                 raise ConfigError("is in the data set already; leave it out", "wrench")
-            robot, fitted = q.robot, self.fitted.robot_
-            if not same_geometry(robot, fitted):
-                raise ConfigError(
-                    f"{q.name} is of {robot.summary}, TCP {robot.tcp_text}; {self.name} was fitted "
-                    f"to {fitted.summary}, TCP {fitted.tcp_text}"
-                )
+            self._check_robot_of(q)
             return q.samples.q, q.samples.wrench
         if not isinstance(q, DataFrame):
             if wrench is None:
@@ -205,6 +211,15 @@ class Model(ShownObject):
         for oddity in loads.oddities:
             warn(oddity, stacklevel=3)
         return loads.q, loads.wrench
+
+    def _check_robot_of(self, data: Dataset) -> None:
+        """Raise ConfigError if a data set is of another robot or TCP than the model's."""
+        robot, fitted = data.robot, self.fitted.robot_
+        if not same_geometry(robot, fitted):
+            raise ConfigError(
+                f"{data.name} is of {robot.summary}, TCP {robot.tcp_text}; {self.name} was fitted "
+                f"to {fitted.summary}, TCP {fitted.tcp_text}"
+            )
 
     def predict_interval(
         self,
@@ -251,7 +266,8 @@ class Model(ShownObject):
         errors = getattr(self.fitted, "left_out_errors_", None)
         if errors is None:
             if self.data is None:
-                raise ConfigError(f"{self.file}: has no intervals; fit the model again", "coverage")
+                place = self.file or self.name
+                raise ConfigError(f"{place}: has no intervals; fit the model again", "coverage")
             data, seed = self.data
             with display():
                 errors = left_out_errors(self.choice, data.samples, data.robot, seed=seed)
@@ -391,19 +407,23 @@ class Model(ShownObject):
     def score(self, data: Dataset | BenchmarkData | DataFrame) -> DataFrame:
         """Return the errors on a data set in a row per metric and axis, with units.
 
-        A DataFrame has the columns of a file (deg, N, N m, mm) and belongs to the model's robot.
+        A DataFrame has the columns of a file (deg, N, N m, mm) and belongs to the model's robot. A
+        model that tells robot and rig apart is compared by `predict_reading`.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: `data` is not a data set.
+            ConfigError: `data` is not a data set, or its robot or TCP is not the model's.
             DataError: a column is missing, or a value is not valid; see `Dataset.from_frame`.
         """
         from pandas import DataFrame
 
         self.check_fitted()
         robot = self.fitted.robot_ if isinstance(data, DataFrame) else None
-        samples = as_dataset(data, robot).samples
-        predicted = self.predict(samples.q, samples.wrench)
+        data = as_dataset(data, robot)
+        self._check_robot_of(data)
+        samples = data.samples
+        predicted = optional(self.fitted, "predict_reading")(samples.q, samples.wrench)
+        self._warn_beyond_training(samples.q, samples.wrench)
         prediction = Prediction(np.arange(len(samples)), predicted, samples.deflection)
         return DataFrame(metric_lines(prediction))
 
@@ -454,20 +474,31 @@ class Model(ShownObject):
             f"{data.robot.name}, seed {seed}",
             *self.learned,
             *(f"- {line}" for line in (*info.caveats, self.note) if line),
-            f"- {self._error_text()}",
+            *(f"- {name}: {text}" for name, text in self._error_facts()),
         ]
         return Text("\n".join(lines))
 
-    def _error_text(self) -> str:
-        """Return a text on the cross-validated error, or on how to compute it."""
+    def _error_facts(self) -> Iterator[tuple[str, str]]:
+        """Yield name and text of the mean error and of the intervals, as far as they are stored."""
         stored = getattr(self.fitted, "cross_validated_error_", None)
-        if not stored:
-            return "Errors on new poses: `bench run`."
-        return (
-            f"3-D error at left-out poses, cross-validated in {stored.n_folds} folds: "
-            f"{MM * stored.mean:.3g} mm mean, {MM * stored.rms:.3g} mm RMS, 90 % within "
-            f"{MM * stored.quantile_90:.3g} mm"
-        )
+        text = "not computed; errors on new poses: `bench run`"
+        if stored:
+            text = (
+                f"{MM * stored.mean:.3g} mm in 3-D ({stored.n_folds} folds; "
+                f"{MM * stored.rms:.3g} mm RMS, 90 % within {MM * stored.quantile_90:.3g} mm)"
+            )
+        yield MEAN_ERROR, text
+        errors = getattr(self.fitted, "left_out_errors_", None)
+        if self.data is None or (errors is None and not offers(self.fitted, "predict_interval")):
+            return
+        try:
+            half = self.predict_interval(self.data[0], coverage=DEFAULT_COVERAGE).half_width
+            text = (
+                f"{MM * half.mean():.3g} mm, length over x, y and z, mean of the training samples"
+            )
+        except ConfigError as reason:  # too few poses
+            text = f"not known: {reason}"
+        yield half_width_name(DEFAULT_COVERAGE), text
 
     def save(self, output: FilePath, *, cross_validate: bool = True) -> None:
         """Save a fitted model to a file for `load_model` and `bench predict`.
@@ -532,7 +563,7 @@ class Model(ShownObject):
             facts.append(("options chosen", in_words(chosen)))
         facts.append(("number of epochs", self.note))
         if getattr(self.fitted, "cross_validated_error_", None):
-            facts.append(("accuracy", self._error_text()))
+            facts += self._error_facts()
         table, springs = Table("", [], []), getattr(self.fitted, "springs_", None)
         numbers = self.diagnostics
         if springs:
@@ -675,7 +706,7 @@ SPRING_INTERVAL = 0.9
 
 def _number_text(name: str, value: float) -> str:
     """Return the text of a number in `diagnostics`."""
-    is_missing = name.startswith((LOST_MOTION, CONTRIBUTION)) and not value
+    is_missing = name.startswith(CONTRIBUTION) and not value
     return "none found" if is_missing else f"{value:.4g}"
 
 

@@ -117,6 +117,7 @@ class PostureSearch:
         if given_q is not None:
             number = int(branch_numbers(self.robot, given_q, self.task.held)[0])
             given = self._posture(Course(number, 0, given_q, 0.0), rotations)
+        stored = getattr(self.model.fitted, "cross_validated_error_", None)
         robot_words = f"{self.model.name}, robot {self.robot.name}; {self.task.name}"
         return RankedPostures(
             robot_words,
@@ -127,6 +128,7 @@ class PostureSearch:
             words,
             self.coverage,
             len(rows[0]),
+            None if stored is None else stored.mean,
         )
 
     def _put_given(self, q: FloatArray) -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from stiff_bench.api.model import MEAN_ERROR, half_width_name
+from stiff_bench.plan.cells import DEFAULT_COVERAGE
 from stiff_datasets.measured.sample_columns import MM_PER_M, counted
 from stiff_protocols.contract.screen import MOST_ROWS, Screen, ShownObject
 from stiff_protocols.paths.postures import Direction, RatedPosture
@@ -36,6 +38,7 @@ class RankedPostures(ShownObject):
         given_words: origin of the given posture, or the reason why there is none.
         coverage: coverage of the intervals; None: no intervals.
         n_compared: number of postures inside the limits and away from singularities.
+        mean_error: stored mean error of the model at left-out poses, m; None: not stored.
     """
 
     title: str
@@ -46,6 +49,7 @@ class RankedPostures(ShownObject):
     given_words: str
     coverage: float | None
     n_compared: int
+    mean_error: float | None
 
     @property
     def saving(self) -> float:
@@ -98,15 +102,17 @@ class RankedPostures(ShownObject):
         if self.given is not None:
             words = f"turn {self.given.turn:g} deg, {self.given.branch}; {words}"
         yield "given posture", words
-        if np.isfinite(self.uncertainty):
+        if self.mean_error is not None:
+            yield MEAN_ERROR, f"{MM_PER_M * self.mean_error:.3g} mm in 3-D"
+        if self.coverage is None:
+            yield half_width_name(DEFAULT_COVERAGE), "not computed; add --coverage 0.9"
+        elif np.isfinite(self.uncertainty):
             half = MM_PER_M * self.uncertainty
             verdict = "is within it" if self.is_within_uncertainty else "is larger"
             yield (
-                "uncertainty",
-                f"+-{half:.3g} mm ({self.coverage:.0%} interval): the saving {verdict}",
+                half_width_name(self.coverage),
+                f"{half:.3g} mm, of the saving: the saving {verdict}",
             )
-        elif self.coverage is None:
-            yield "uncertainty", "not computed; add --coverage 0.9"
         if len(best.q) == 1:
             joints = self.table.filter(regex=r"^q\d+_").iloc[0]
             values = ", ".join(f"{value:.2f}" for value in joints)

@@ -7,47 +7,48 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_bench.api.model import Model, wrap_model_errors
+from stiff_bench.api.model import MEAN_ERROR, Model, half_width_name, wrap_model_errors
 from stiff_bench.plan.cells import DEFAULT_COVERAGE
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StiffBenchError
-from stiff_protocols.contract.stiffness_model import interval_at_tcp, offers
+from stiff_protocols.contract.stiffness_model import interval_at_tcp
 from stiff_protocols.contract.types import AXES, FloatArray, Interval
+from stiff_protocols.scoring.cross_validated import ErrorLengths
 
-NOT_KNOWN = "not known: the model file has no cross-validated error; fit again"
+UNKNOWN = "not known: the model file has no cross-validated error; fit again"
 SAME_WIDTH = 1.005
 """Largest ratio of largest and usual error with which only one error is printed."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedError:
-    """Expected length of the error of predicted deflections.
+    """Expected errors of predicted deflections: their mean, and half widths of intervals.
 
     Attributes:
-        values: (n,) m; None: unknown.
-        source: text on the source of the values, or the reason why they are unknown.
-        interval: interval of the deflections of the TCP; None without a coverage.
+        mean: expected error, from poses that the fits left out. Compare models by it.
+        half_width: lengths of the interval's half widths on the three axes; larger than the mean,
+            because most errors are smaller.
+        interval: interval of the deflections of the TCP; None: unknown.
     """
 
-    values: FloatArray | None
-    source: str
+    mean: ErrorLengths
+    half_width: ErrorLengths
     interval: Interval | None = None
 
 
 def expected_error(
     model: Model, q: FloatArray, wrench: FloatArray, coverage: float | None
 ) -> ExpectedError:
-    """Return the expected error of predictions, from intervals or from left-out poses.
+    """Return the expected error of predictions, from left-out poses, and their intervals.
 
-    With a coverage, or for a model with its own intervals, it is the length of the interval's
-    half-widths on the three axes. Otherwise it is the model's cross-validated mean error. Away from
-    the training samples this error grows like an interval (`TrainingRange.widened`).
+    The mean error grows away from the training samples like an interval
+    (`TrainingRange.widened`).
 
     Args:
         model: fitted model.
         q: (n, n_joints) rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
-        coverage: coverage of intervals per axis (0..1); None: 0.9 for models with own intervals.
+        coverage: coverage of intervals per axis (0..1); None: 0.9, if the poses suffice.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -56,20 +57,27 @@ def expected_error(
     """
     model.check_fitted()
     model.check_coverage(coverage)
-    if coverage is None and offers(model.fitted, "predict_interval"):
-        coverage = DEFAULT_COVERAGE
-    if coverage is not None:
-        with wrap_model_errors(model.file):
-            interval = model.predict_interval(q, wrench, coverage)
-            interval = interval_at_tcp(model.fitted, interval, q, wrench)
-        values, source = _half_length(interval), f"{100.0 * coverage:.4g}% interval"
-        return ExpectedError(values, source, interval)
+    name = half_width_name(coverage or DEFAULT_COVERAGE)
+    mean = _mean_error(model, q, wrench)
+    try:
+        model.check_coverage(coverage or DEFAULT_COVERAGE)
+    except StiffBenchError as reason:  # too few poses, or a model from a file
+        return ExpectedError(mean, ErrorLengths(name, None, f"not known: {reason}"))
+    with wrap_model_errors(model.file):
+        interval = model.predict_interval(q, wrench, coverage or DEFAULT_COVERAGE)
+        interval = interval_at_tcp(model.fitted, interval, q, wrench)
+    lengths = ErrorLengths(name, interval.half_width, "length over x, y and z")
+    return ExpectedError(mean, lengths, interval)
+
+
+def _mean_error(model: Model, q: FloatArray, wrench: FloatArray) -> ErrorLengths:
+    """Return the cross-validated mean error at (n, n_joints) q and (n, 6) wrenches."""
     try:
         error = model.cross_validated_error
     except StiffBenchError as reason:  # too few poses, or a model from a file
-        return ExpectedError(None, f"not known: {reason}")
+        return ErrorLengths(MEAN_ERROR, None, f"not known: {reason}")
     if error is None:
-        return ExpectedError(None, NOT_KNOWN)
+        return ErrorLengths(MEAN_ERROR, None, UNKNOWN)
     half = error.mean / math.sqrt(len(AXES))
 
     def within(q: FloatArray, wrench: FloatArray) -> Interval:
@@ -77,17 +85,9 @@ def expected_error(
         return Interval(predicted - half, predicted + half, math.nan)
 
     with wrap_model_errors(model.file):
-        values = _half_length(model.training_range.widened(within, q, wrench))
-    source = (
-        f"cross-validated 3-D error {MM * error.mean:.3g} mm of the fit, {error.n_folds} folds "
-        "over poses"
-    )
+        values = model.training_range.widened(within, q, wrench).half_width
+    source = f"{MM * error.mean:.3g} mm over all training poses, {error.n_folds} folds"
     times = values.max(initial=0.0) / error.mean if error.mean else 1.0
     if times > SAME_WIDTH:
         source += f", up to {times:.3g} times that away from the training samples"
-    return ExpectedError(values, source)
-
-
-def _half_length(interval: Interval) -> FloatArray:
-    """Return (n,) lengths of the half-widths on the three axes, m."""
-    return np.asarray(0.5 * np.linalg.norm(interval.upper - interval.lower, axis=1))
+    return ErrorLengths(MEAN_ERROR, values, source)

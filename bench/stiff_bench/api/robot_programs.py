@@ -12,6 +12,7 @@ import numpy as np
 from stiff_bench.api.model import Model
 from stiff_bench.api.remaining_error import expected_error
 from stiff_bench.api.tool_paths import CorrectedPath, given_positions
+from stiff_bench.console import printable
 from stiff_bench.parameter_types import (
     FilePath,
     Fraction,
@@ -94,12 +95,12 @@ class CorrectedProgram:
     notes: tuple[str, ...]
 
     def plot(self) -> Prepared:
-        """Return the picture of the targets, with removed and remaining errors."""
+        """Return the picture of the targets, with removed and expected errors."""
         return self.path.plot()
 
     def __repr__(self) -> str:
-        """Return a text on corrected targets, remaining errors and other motions."""
-        return "\n".join(self._lines())
+        """Return a text on corrected targets, expected errors and other motions."""
+        return printable("\n".join(self._lines()))
 
     def _lines(self) -> list[str]:
         """Return the lines of the text."""
@@ -164,8 +165,7 @@ def compensate_program(
         strict: stop if a motion of a program cannot be corrected.
         tolerance: remaining predicted error at which the iteration of a target ends, mm.
         iterations: largest number of predictions per target.
-        coverage: coverage (0..1) of the interval that gives the remaining error; None: the
-            cross-validated error of the fit.
+        coverage: coverage (0..1) of the printed intervals, per axis; None: 0.9.
         figure: new picture of the targets and of the removed deflection.
 
     Raises:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +13,7 @@ import numpy as np
 from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.api.remaining_error import ExpectedError, expected_error
 from stiff_bench.api.robots import as_robot, payload_of
-from stiff_bench.console import say
+from stiff_bench.console import printable, say
 from stiff_bench.parameter_types import (
     Bounds,
     FilePath,
@@ -58,6 +59,7 @@ from stiff_protocols.paths.example import drivable_path
 from stiff_protocols.paths.inverse import Followed, follow, joint_number, judged
 from stiff_protocols.paths.near_training import path_near_training, training_load
 from stiff_protocols.paths.path import SHAPES
+from stiff_protocols.scoring.cross_validated import ErrorLengths
 
 if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
@@ -70,7 +72,7 @@ class CorrectedPath:
     Attributes:
         name: name of the path.
         compensation: points, commands and predicted deflections.
-        prediction_error: expected error of the predictions at the commands.
+        prediction_error: expected errors of the predictions at the commands.
         extrapolates: (n,) words for the quantities beyond the training range, "" for none.
         beyond: details of the points beyond the training range, with numbers; "" for none.
     """
@@ -90,13 +92,31 @@ class CorrectedPath:
     def expected_error(self) -> FloatArray | None:
         """Return (n,) expected remaining distances from the path, m; None: unknown.
 
-        This is the expected error of the prediction, plus the predicted deflection of points that
-        were not corrected.
+        This is the mean error of predictions at left-out poses, plus the predicted deflection of
+        points that were not corrected.
         """
-        errors = self.prediction_error.values
-        if errors is None:
-            return None
-        return np.asarray(errors + np.linalg.norm(self.compensation.residual, axis=1))
+        return self.errors[0].values
+
+    @property
+    def half_width(self) -> FloatArray | None:
+        """Return (n,) half widths of the interval of the distance from the path, m; None: unknown.
+
+        They are lengths over the three axes, plus the predicted deflection of points that were not
+        corrected.
+        """
+        return self.errors[1].values
+
+    @cached_property
+    def errors(self) -> tuple[ErrorLengths, ErrorLengths]:
+        """Expected mean error and half width, with the deflection that was not corrected."""
+        residual = np.linalg.norm(self.compensation.residual, axis=1)
+        mean, half = (
+            lengths
+            if lengths.values is None
+            else replace(lengths, values=lengths.values + residual)
+            for lengths in (self.prediction_error.mean, self.prediction_error.half_width)
+        )
+        return mean, half
 
     @property
     def training_text(self) -> str:
@@ -106,31 +126,29 @@ class CorrectedPath:
         return f"{text}: {self.beyond}" if self.beyond else text
 
     def plot(self) -> Prepared:
-        """Return the picture of the path, its removed deflection and expected remaining error."""
+        """Return the picture of the path, its removed deflection and expected errors."""
         from stiff_bench.figures.corrected_path import path_picture
 
-        source = self.prediction_error.source
-        return path_picture(
-            self.name, self.compensation, self.expected_error, source, list(self.extrapolates)
-        )
+        return path_picture(self.name, self.compensation, *self.errors, list(self.extrapolates))
 
     def __repr__(self) -> str:
-        """Return the share beyond the training range, and removed and remaining errors."""
-        removed, errors = self.removed, self.expected_error
-        source, n = self.prediction_error.source, len(removed)
+        """Return the share beyond the training range, and removed and expected errors."""
+        removed, errors, n = self.removed, self.expected_error, len(self.removed)
         lines = [
             self.training_text,
             f"{self.compensation.converged.sum()} of {n} points corrected",
             f"removed (predicted deflection): {_mean_and_largest(removed)}",
         ]
-        if errors is None:
-            return "\n".join([*lines, f"expected remaining error: {source}"])
-        lines.append(f"expected remaining error: {_mean_and_largest(errors)} ({source})")
-        if n_larger := int((errors >= removed).sum()):
+        for lengths in self.errors:
+            text = lengths.source
+            if lengths.values is not None:
+                text = f"{_mean_and_largest(lengths.values)} ({text})"
+            lines.append(f"{lengths.name}: {text}")
+        if errors is not None and (n_larger := int((errors >= removed).sum())):
             lines.append(
-                f"at {n_larger} of {n} points the remaining error may exceed the correction"
+                f"at {n_larger} of {n} points the expected error is at least the correction"
             )
-        return "\n".join(lines)
+        return printable("\n".join(lines))
 
 
 def example_path(
@@ -226,7 +244,7 @@ def compensate_path(
 
     The command p_cmd is the fixed point of p_cmd = p - d(q(p_cmd), w): the predicted deflection at
     the commanded pose is subtracted. Orientation and configuration of the arm do not change. The
-    output says what is removed, and what error may remain on the robot.
+    output says what is removed, and what error is expected to remain on the robot.
 
     Args:
         model: fitted model.
@@ -249,10 +267,10 @@ def compensate_path(
         iterations: largest number of predictions per point.
         on_failure: if a point of a path cannot be corrected: stop, or keep it uncorrected and name
             it.
-        coverage: coverage (0..1) of prediction intervals, per axis, that give the expected
-            remaining error; by default the error at left-out poses gives it.
+        coverage: coverage (0..1) of prediction intervals, per axis; the output then has their
+            bounds. By default 0.9, without bounds.
         sheet: sheet of an Excel file; by default the only one with a table.
-        figure: new picture of the path, with removed and remaining errors.
+        figure: new picture of the path, with removed and expected errors.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -324,13 +342,13 @@ def compensate_path(
             extrapolation_details(training_range, arm, compensation.q, wrench, extrapolates),
         )
         interval = None if coverage is None else corrected.prediction_error.interval
-        errors = corrected.expected_error
+        lengths = (corrected.expected_error, corrected.half_width)
         write_table(
-            output, [corrected_table(table, arm, compensation, extrapolates, errors, interval)]
+            output, [corrected_table(table, arm, compensation, extrapolates, *lengths, interval)]
         )
     if not wrench.any():
         say(f"warning: {file}: all loads are zero, so there is nothing to correct")
-    if carried:
+    if carried > TOLERANCE_M:  # less is rounding: commands are not more exact
         say(
             f"warning: {file}: the model was fitted at a tool point other than the TCP; the "
             f"unmeasured rotation of the tool changes the deflections at the TCP by up to "

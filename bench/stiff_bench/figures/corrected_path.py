@@ -1,4 +1,4 @@
-"""Corrected path: removed deflection and expected remaining error."""
+"""Corrected path: removed deflection and expected errors."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from stiff_bench.tables.units import MM
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.paths.compensation import Compensation
 from stiff_protocols.paths.inverse import evenly_spaced
+from stiff_protocols.scoring.cross_validated import ErrorLengths
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,8 +36,8 @@ HATCHES = ("", "////", "....")
 def path_picture(
     name: str,
     compensation: Compensation,
-    expected_error: FloatArray | None,
-    source: str,
+    mean: ErrorLengths,
+    half_width: ErrorLengths,
     extrapolates: Sequence[str],
 ) -> Prepared:
     """Return the figure of a corrected path with its caption.
@@ -44,25 +45,30 @@ def path_picture(
     Args:
         name: name of the path.
         compensation: wanted points, commands and predicted deflections.
-        expected_error: (n,) expected remaining distance from the path, m; None: not known.
-        source: origin of the expected error, as text.
+        mean: expected mean distance from the path.
+        half_width: half width of the interval of that distance.
         extrapolates: (n,) names of what is beyond the training range at a point; "" for none.
     """
     return Prepared(
-        title=f"Path {name}: removed deflection and expected remaining error",
-        caption="Predicted deflections of the uncorrected path and radii of the expected remaining "
-        "error, magnified as stated; and both along the path. Expected remaining error: "
-        f"{source}. Shaded: beyond the training range of the model.",
-        paint=partial(_painted, compensation, expected_error, extrapolates),
+        title=f"Path {name}: removed deflection and expected errors",
+        caption="Predicted deflections of the uncorrected path and radii of the expected mean "
+        "error, magnified as stated; and both along the path. "
+        f"{mean.name.capitalize()}: {mean.source}. "
+        f"{half_width.name.capitalize()}: {half_width.source}. "
+        "Shaded: beyond the training range of the model.",
+        paint=partial(_painted, compensation, mean, half_width, extrapolates),
     )
 
 
 def _painted(
-    compensation: Compensation, expected_error: FloatArray | None, extrapolates: Sequence[str]
+    compensation: Compensation,
+    mean: ErrorLengths,
+    half_width: ErrorLengths,
+    extrapolates: Sequence[str],
 ) -> Figure:
     place, before = MM * compensation.target, MM * compensation.before
     removed = MM * np.linalg.norm(compensation.removed, axis=1)
-    errors = None if expected_error is None else MM * expected_error
+    errors = None if mean.values is None else MM * mean.values
     rows, arrows = evenly_spaced(len(place), MOST_POINTS), evenly_spaced(len(place), ARROWS)
     extent = max(float(np.ptp(place, axis=0).max()), 1.0)
     largest = float(np.linalg.norm(before, axis=1).max())
@@ -96,13 +102,15 @@ def _painted(
     marker = "o" if len(place) == 1 else ""
     look = {"color": orange.color, "marker": marker}
     along.plot(distance[rows], removed[rows], **look, label="removed (predicted deflection)")
-    means = f"Mean removed {removed.mean():.3g} mm, remaining error unknown"
+    means = f"Mean removed {removed.mean():.3g} mm, expected error unknown"
     if errors is not None:
         band: dict[str, Any] = {"color": blue.color, "alpha": 0.2, "linewidth": 0}
         along.plot(distance[rows], errors[rows], color=blue.color, marker=marker, linewidth=0.8)
-        label = "expected remaining error"
-        along.fill_between(distance[rows], 0.0, errors[rows], **band, label=label)
-        means = f"Means: removed {removed.mean():.3g} mm, may remain {errors.mean():.3g} mm"
+        along.fill_between(distance[rows], 0.0, errors[rows], **band, label=mean.name)
+        means = f"Means: removed {removed.mean():.3g} mm, expected error {errors.mean():.3g} mm"
+    if half_width.values is not None:
+        look = {"color": blue.color, "linestyle": ":", "marker": marker, "linewidth": 0.8}
+        along.plot(distance[rows], MM * half_width.values[rows], **look, label=half_width.name)
     along.set(xlabel="distance along the path [mm]", ylabel="length [mm]")
     along.set_ylim(bottom=0.0)
     along.set_title(f"(b) {means}", loc="left")

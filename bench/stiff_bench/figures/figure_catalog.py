@@ -28,5 +28,6 @@ FIGURES: Figures[FigureSource] = {
     "workspace": workspace.workspace,
     "robot": robot_picture.robot,
     "springs": springs.springs,
+    "what-bends": springs.what_bends,
     "calibration": calibration.calibration,
 }

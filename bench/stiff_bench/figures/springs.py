@@ -1,6 +1,6 @@
-"""Torque against deflection of each joint, for the identified springs.
+"""Torque against deflection of each joint, and what the parts of a model contribute.
 
-Segmented springs are drawn as lines, and curves of a Gaussian process with their bands.
+Segmented springs are drawn as lines, and curves with their bands.
 """
 
 from __future__ import annotations
@@ -16,7 +16,15 @@ from scipy.special import ndtri
 
 from stiff_bench.figures.figure_source import FigureSource, setting, subtitle
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.figures.style import looks, name_panels, new_panels, share_legend, short
+from stiff_bench.figures.style import (
+    COLUMN_INCH,
+    looks,
+    name_panels,
+    new_figure,
+    new_panels,
+    share_legend,
+    short,
+)
 from stiff_bench.plan.cells import true_joint_turns
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.store.database import read_data
@@ -24,18 +32,22 @@ from stiff_bench.store.samples import StoredData
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import FloatArray
-from stiff_protocols.springs.identification import SPRING_CURVE, spring_key
+from stiff_protocols.springs.identification import SPRING_CURVE, contributions, spring_key
 
-ROW_INCH, HEAD_INCH = 1.75, 0.3
+ROW_INCH, HEAD_INCH, FRAME_INCH, LINE_INCH = 1.75, 0.3, 0.45, 0.19
 SPLIT_ALPHA = 0.75
 _POINTS = 200
 _SHARES = (0.5, 0.95)
 """Shares of the samples whose torques on a joint are shaded."""
 BAND = 0.9
 _NEEDS = (
-    f"curves of springs; create them with `bench run --model {REFERENCE_MODEL} --model gp-springs` "
-    "(or vjm-multisegment)"
+    f"curves of springs; create them with `bench run --model {REFERENCE_MODEL} --model "
+    "bayes-springs` (or vjm-multisegment)"
 )
+Part = tuple[float, float, float]
+"""Mean deflection by a part and the ends of its interval, mm; NaN for no interval."""
+_NO_PART: Part = (0.0, np.nan, np.nan)
+_NEEDS_PARTS = "contributions; create them with `bench run --model bayes-springs`"
 Spring = tuple[FloatArray, FloatArray]
 """Torques at the breakpoints of an odd, piecewise linear spring, N m (N), and its stiffnesses.
 
@@ -167,6 +179,47 @@ def springs(source: FigureSource) -> Prepared:
     caption = f"{about} {setting([task], [model], [len(results)])}"
     paint = partial(springs_figure, stored, draw, linear)
     return Prepared("Torque and deflection of each joint", caption, paint, subtitle(task))
+
+
+def what_bends(source: FigureSource) -> Prepared:
+    """Show how far each part of a robot and its rig moves the tool, as a model identified it."""
+    task = source.task(_contributions, _NEEDS_PARTS)
+    first = source.results(task, _contributions)[0]
+    model = first.presentation.model
+    results = [r for r in source.results(task, _contributions) if r.presentation.model == model]
+    fits = [_contributions(result) for result in results]
+    largest = {part: max(fit.get(part, _NO_PART)[0] for fit in fits) for part in fits[0]}
+    absent = "; ".join(part for part, size in largest.items() if not size)
+    none = f"None found: {absent}. " if absent else ""
+    parts = sorted(filter(largest.get, largest), key=largest.__getitem__)
+    caption = (
+        f"Mean deflection of the training samples by each part, as {model} identified it (dots: "
+        f"splits; bar: {BAND:.0%} interval of the first). Parts may act against each other, so "
+        f"they do not add up. {none}"
+        f"{setting([task], [model], [len(results)])}"
+    )
+    return Prepared("What bends", caption, partial(_parts_figure, fits, parts), subtitle(task))
+
+
+def _contributions(result: CellResult) -> dict[str, Part]:
+    return contributions(result.diagnostics)
+
+
+def _parts_figure(fits: Sequence[Mapping[str, Part]], parts: Sequence[str]) -> Figure:
+    """Draw a line per part, from the bottom."""
+    blue = looks(1)[0]
+    height = HEAD_INCH + FRAME_INCH + LINE_INCH * len(parts)
+    figure = new_figure(COLUMN_INCH, height)
+    axes = figure.add_subplot()
+    for place, part in enumerate(parts):
+        _, *ends = fits[0].get(part, _NO_PART)
+        axes.plot(ends, [place, place], color=blue.color, linewidth=3.0, alpha=0.3)
+        values = [fit[part][0] for fit in fits if part in fit]
+        axes.plot(values, [place] * len(values), **blue.points())
+    axes.set_yticks(range(len(parts)), [short(part) for part in parts])
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("mean deflection [mm]")
+    return figure
 
 
 def _stiffness(data: StoredData, joint: int, segment: str = "") -> str:

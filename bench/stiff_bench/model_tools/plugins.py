@@ -16,7 +16,7 @@ from string import Template
 from typing import Any
 from unittest import mock
 
-from stiff_bench.console import wrapped
+from stiff_bench.console import printable, wrapped
 from stiff_bench.parameter_types import Folder, Setting
 from stiff_bench.plan.cells import loaded
 from stiff_bench.plan.options import Choice, chosen, chosen_dataset
@@ -62,7 +62,7 @@ class CheckResults:
                 lines.append(wrapped(f"to fix it: {advice}", "    ", "    "))
         statuses = [check.status for check in self.checks]
         counts = [f"{statuses.count(status)} {status}" for status in _MARKS]
-        return "\n".join([*lines, "", ", ".join(counts)])
+        return printable("\n".join([*lines, "", ", ".join(counts)]))
 
 
 def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()) -> CheckResults:

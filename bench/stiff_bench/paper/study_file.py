@@ -6,13 +6,14 @@ run.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from stiff_bench.plan.cells import RunPlan, plan_run
@@ -22,11 +23,21 @@ from stiff_bench.store.names import split_word
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import read_toml
 
+
+def _checked_line(text: str) -> str:
+    """Return a text of one printable line; ValueError for another."""
+    if not text.isprintable():
+        raise ValueError("it should be one line without control characters")
+    return text
+
+
 Words = tuple[str, ...]
+Line = Annotated[str, AfterValidator(_checked_line)]
 NO_OTHER_KEYS = ConfigDict(extra="forbid")
 SUFFIX = ".toml"
 UNKNOWN_KEY = "unexpected_keyword_argument"
 """Name of this error in pydantic."""
+MESSAGE_START = re.compile("^(Input should|Value error, it should)")
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
@@ -71,10 +82,10 @@ class Study:
         file: file of the study; errors name it.
     """
 
-    name: Annotated[str, Field(pattern=r"^[^./\\][^/\\]*$")]  # a folder, not a path
-    title: str
+    name: Annotated[Line, Field(pattern=r"^[^./\\][^/\\]*$")]  # a folder, not a path
+    title: Line
     run: tuple[StudyRun, ...]
-    notes: Words = ()
+    notes: tuple[Line, ...] = ()
     metrics: Words = ()
     coverage: Annotated[float, Field(gt=0, lt=1)] | None = None
     tables: Words = ("scores",)
@@ -239,4 +250,4 @@ def _describe(problem: Mapping[str, Any]) -> str:
     where = ".".join([*place, key])
     if problem["type"] == "missing":
         return f"{where} is missing (valid keys: {', '.join(keys)})"
-    return f"{where} = {problem['input']!r}: {problem['msg'].replace('Input should', 'it should')}"
+    return f"{where} = {problem['input']!r}: {MESSAGE_START.sub('it should', problem['msg'])}"

@@ -15,7 +15,6 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.results.fit_values import mean_over, metric_values
-from stiff_bench.results.notes import mark_of
 from stiff_bench.results.scored_task import NOISE_FLOOR, ScoredTask
 from stiff_bench.results.scores import Scores, control_rows
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
@@ -327,7 +326,8 @@ def error_matrix(scores: Scores, models: Sequence[str]) -> DataFrame:
 def matrix_table(scores: Scores, models: Sequence[str]) -> Table:
     """Return mean scores by model, data set and protocol; the best ones are marked."""
     key, errors = scores.key, error_matrix(scores, models)
-    best = (key.sign * errors).fillna(math.inf).idxmin()
+    originals = errors.drop(index=[*scores.copies], errors="ignore")
+    best = (key.sign * originals).fillna(math.inf).idxmin()
     has_ratios = REFERENCE_MODEL in errors.index and key.sign > 0.0
     vjm: Any = errors.loc[REFERENCE_MODEL] if has_ratios else {}
     of_models: dict[Any, Any] = errors.to_dict("index")
@@ -381,7 +381,7 @@ def task_table(task: ScoredTask, title: str = "") -> Table:
     rows = [
         {
             "model": name,
-            "mark": mark_of(task.task.models[name].presentation) if name in task.scores else "",
+            "mark": task.mark(name) if name in task.scores else "",
             "status": task.status(name),
             "ratio": math.nan if name == REFERENCE_MODEL else task.ratio(name),
             **(metric_values(of_model, _TASK_METRICS) if of_model else {}),

@@ -286,20 +286,36 @@ class StudyLeaderboard:
         return [board, *tables, *self._variant_tables(), *self._extra_tables()]
 
     def _variant_tables(self) -> Iterator[Table]:
-        """Yield the tables of variants and their controls, in the tasks of a variant."""
-        settings, variants = self.settings, {*self.settings.variants}
-        if not variants:
-            return
+        """Yield the tables of variants and their controls; variants that ran alike share them."""
+        settings, variants = self.settings, self.settings.variants
+        every = self._scores(settings.protocol, variants)
+        claimed = [task for task in every.tasks if task.kind == every.claim]
+
+        def where(variant: str) -> tuple[Task, ...]:
+            return tuple(task.task for task in claimed if variant in task.scores)
+
+        for tasks, alike in grouped(variants, where).items():
+            if tasks:
+                yield from self._tables_of_variants({*alike}, len(tasks) == len(claimed))
+
+    def _tables_of_variants(self, variants: set[str], is_everywhere: bool) -> Iterator[Table]:
+        """Yield the tables of variants that ran in the same tasks; few of them if not in all."""
+        settings = self.settings
         pairs = [pair for pair in settings.controls.items() if variants.intersection(pair)]
+        pairs = [(name, control) for name, control in pairs if is_everywhere or name in variants]
         names = {*variants, *chain.from_iterable(pairs), REFERENCE_MODEL}
-        every = self._scores(settings.protocol, names)
-        scores = every.over([task for task in every.tasks if variants.intersection(task.scores)])
-        if not scores.tasks:
-            return
+        scores = self._scores(settings.protocol, names)
+        scores = scores.over([task for task in scores.tasks if variants.intersection(task.scores)])
         few = {heading: self._scores(settings.few[heading], names) for heading in self.few}
-        table = model_frame(scores, few, self.readings)
+        heading = "Variants"
+        if is_everywhere:
+            table = model_frame(scores, few, self.readings)
+        else:
+            table = model_frame(scores)
+            heading += f" in {' and '.join(scores.rows['world'].unique())}"
         for part in board_tables(scores, table, dict(pairs), split_notes(scores, table)):
-            yield replace(part, title=f"Variants: {part.title}", about={"table": "variants"})
+            if is_everywhere or part.about["table"] in ("board", "worlds", "controls"):
+                yield replace(part, title=f"{heading}: {part.title}", about={"table": "variants"})
 
     def _extra_tables(self) -> Iterator[Table]:
         """Yield the table of models that need more packages, on the averaged robots."""

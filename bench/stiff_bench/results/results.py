@@ -28,7 +28,7 @@ from stiff_bench.results.scored_task import TRUE, sort_key
 from stiff_bench.results.scores import Scores, model_frame
 from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
-from stiff_bench.results.summary import summarize, task_headline, task_title
+from stiff_bench.results.summary import elsewhere_notes, summarize, task_headline, task_title
 from stiff_bench.tables.units import MM, PRINTED, first_few
 from stiff_bench.tables.writers import Tables, Text
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StiffBenchWarning
@@ -250,6 +250,7 @@ class Results:
         done = [[*model.done.values()] for task in tasks for model in task.models.values()]
         outcomes = [note for results in done if results for note in outcome_notes(results)]
         notes = [*failure_lines(self.fits), *outcomes, *caveats_of(tasks)]
+        notes = [*elsewhere_notes(scores.tasks), *notes]
         task_tables = [task_table(task, task_title(task)) for task in scores.tasks]
         if len(tasks) == 1:
             (task,), (table,) = scores.tasks, task_tables

@@ -15,6 +15,7 @@ import numpy as np
 
 from stiff_bench.results.fit_values import bound_results, pooled_prediction, values_of_splits
 from stiff_bench.results.load import ModelResults, SplitId, Task
+from stiff_bench.results.notes import mark_of
 from stiff_bench.results.significance import (
     Estimate,
     Question,
@@ -27,10 +28,10 @@ from stiff_bench.results.significance import (
 from stiff_bench.store.names import TaskName, without_options
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.units import PRINTED
-from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_models.model_catalog import REFERENCE_MODEL, is_spring_model
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
-from stiff_protocols.contract.record import PATH_ERROR, CellResult
+from stiff_protocols.contract.record import PATH_ERROR, TEACHER_EPOCHS, CellResult
 from stiff_protocols.contract.types import AXES, BOUND_NAMES, FloatArray, Prediction
 from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.metrics import (
@@ -44,6 +45,8 @@ from stiff_protocols.scoring.metrics import (
 from stiff_protocols.scoring.paired import ROPE_M
 
 NOISE_FLOOR = BOUND_NAMES["noise"]
+SAME_PREDICTION = 1e-12
+"""m; a larger difference is not by rounding."""
 SEED, SPECIMEN = "seed", "specimen"
 """Options of data sets for a repeat with new noise, and for another robot of the same type."""
 _ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray | None]] = {
@@ -241,9 +244,37 @@ class ScoredTask(BriefFields):
         """Return a model's mean over the splits, in the metric's unit."""
         return float(self.scores[model].mean())
 
+    @cached_property
+    def copies(self) -> dict[str, str]:
+        """Return the models that add nothing to a spring model, such as "= vjm-full" by model.
+
+        Their predictions are the spring model's, or no fit fine-tuned its teacher.
+        """
+        springs, copies = [*filter(is_spring_model, self.models)], dict[str, str]()
+        for model in self.models:
+            if model in springs:
+                continue
+            results = self.results[model]
+            teachers = {s for s in springs if _are_equal(results, self.results[s])}
+            if all(of.diagnostics.get(TEACHER_EPOCHS) == 0.0 for of in results):
+                teachers = teachers or {_teacher_of(result) for result in results}
+            if teachers:
+                copies[model] = f"= {teachers.pop() if len(teachers) == 1 else 'its teacher'}"
+        return copies
+
+    def mark(self, model: str) -> str:
+        """Return the text printed next to the name of a model with results."""
+        marks = mark_of(self.task.models[model].presentation), self.copies.get(model, "")
+        return ", ".join(filter(None, marks))
+
     def best(self, models: Collection[str] = ()) -> str:
-        """Return the model with the best score, of all or of the given models."""
-        return min(models or self.models, key=lambda model: self.key.sign * self.mean(model))
+        """Return the model with the best score, of all or of the given models.
+
+        It is a copy only if all are.
+        """
+        models = models or self.models
+        originals = [model for model in models if model not in self.copies]
+        return min(originals or models, key=lambda model: self.key.sign * self.mean(model))
 
     def like_best(self) -> set[str]:
         """Return the models that are not clearly worse than the best; none if no test applies."""
@@ -306,6 +337,23 @@ class ScoredTask(BriefFields):
                 "coverage": _mean(_COVERAGE, results),
                 "noise": noise,
             }
+
+
+def _teacher_of(result: CellResult) -> str:
+    """Return the teacher that a fit chose, or that its options name."""
+    return str(result.chosen.get("anchor") or result.cell.model_params.get("anchor", ""))
+
+
+def _are_equal(results: Sequence[CellResult], of_teacher: Sequence[CellResult]) -> bool:
+    """Test if two models have the same predictions on every split, up to rounding."""
+    parts = [
+        (result.prediction.predicted, taught.prediction.predicted)
+        for result, taught in zip(results, of_teacher, strict=True)
+        if result.prediction is not None and taught.prediction is not None
+    ]
+    return len(parts) == len(results) and all(
+        a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=SAME_PREDICTION) for a, b in parts
+    )
 
 
 def _mean(key: SortKey, results: Sequence[CellResult]) -> float:

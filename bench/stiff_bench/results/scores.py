@@ -179,11 +179,24 @@ class Scores(BriefFields):
         """Return the numbers of tasks by verdict on a model ("a") and the VJM ("b")."""
         return Counter(verdict for task in self.tasks if (verdict := task.verdict(model)))
 
+    @cached_property
+    def copies(self) -> dict[str, str]:
+        """Return the models that add nothing to a spring model in any task; see `ScoredTask`."""
+        marks = {
+            model: {task.copies.get(model, "") for task in self.tasks if model in task.scores}
+            for model in dict.fromkeys(name for task in self.tasks for name in task.copies)
+        }
+        return {
+            model: of_model.pop() if len(of_model) == 1 else "= its teacher"
+            for model, of_model in marks.items()
+            if "" not in of_model
+        }
+
     def mark(self, model: str) -> str:
         """Return the text printed next to a model's name."""
         models = (task.task.models.get(model) for task in self.tasks)
-        marks = (mark_of(stored.presentation) for stored in models if stored is not None)
-        return ", ".join(filter(None, dict.fromkeys(marks)))
+        marks = [mark_of(stored.presentation) for stored in models if stored is not None]
+        return ", ".join(filter(None, dict.fromkeys([*marks, self.copies.get(model, "")])))
 
 
 # models over robots
@@ -284,7 +297,9 @@ def _with_robots(
     best = min(means, key=means.__getitem__)
     rival = min(filter(is_spring_model, means), key=means.__getitem__)
     table["n robots"], table["rival"] = len(logs), rival
-    table["won"] = logs.idxmin(axis="columns").value_counts().reindex(logs.columns).fillna(0)
+    originals = logs.drop(columns=[*scores.copies], errors="ignore")
+    winners = originals.idxmin(axis="columns")
+    table["won"] = winners.value_counts().reindex(logs.columns).fillna(0)
     table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
     table.loc[REFERENCE_MODEL, "worst"] = math.nan
     left_out = logs.apply(without_one)

@@ -27,6 +27,7 @@ from stiff_bench.results.scored_task import ScoredTask
 from stiff_bench.results.scores import FEWEST_ROBOTS, Scores, complete_logs
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import MM, counted, first_few, percent
+from stiff_datasets.measured.sample_columns import is_planned
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.scoring.over_robots import MARGIN
 from stiff_protocols.scoring.paired import LEVEL, ROPE_M
@@ -65,7 +66,8 @@ def summarize(scores: Scores, table: DataFrame) -> Summary:
 
     `table` is the `model_frame` of the scores.
     """
-    rivals = table[table["complete"] & (table["model"] != REFERENCE_MODEL)].to_dict("records")
+    is_rival = table["complete"] & ~table["model"].isin([REFERENCE_MODEL, *scores.copies])
+    rivals = table[is_rival].to_dict("records")
     if not rivals or number(rivals[0], "ratio") is None:
         ((model, n_best),) = Counter(task.best() for task in scores.tasks).most_common(1)
         best_in = f"in {n_best} of {counted(len(scores.tasks), 'comparison')}"
@@ -82,9 +84,8 @@ def summarize(scores: Scores, table: DataFrame) -> Summary:
 def _over_robots(scores: Scores, table: DataFrame) -> Summary:
     """Return the result of the model with the smallest ratio; the first row may be the VJM."""
     rows = table[table["complete"]].to_dict("records")
-    lead = min(
-        (row for row in rows if row["model"] != REFERENCE_MODEL), key=lambda row: row["ratio"]
-    )
+    followers = {REFERENCE_MODEL, *scores.copies}
+    lead = min((row for row in rows if row["model"] not in followers), key=lambda row: row["ratio"])
     headline = f"No model is reliably better than the VJM over {scores.scope}"
     if lead["verdict"] == "better":
         headline = (
@@ -115,7 +116,7 @@ def _ratio(value: float) -> str:
 def _models_ahead(scores: Scores, model: str) -> Iterator[str]:
     """Yield the robots on which another model is better by more than the practical margin."""
     for robot, logs in complete_logs(scores).to_dict("index").items():
-        best = min(logs, key=lambda name: logs[name])
+        best = min({*logs} - {*scores.copies}, key=lambda name: logs[name])
         if logs[model] - logs[best] > MARGIN:
             errors = (f"{math.exp(logs[name]):.3f}" for name in (best, model))
             yield f"{best} on {robot} ({' against '.join(errors)})"
@@ -190,7 +191,8 @@ def _per_dataset(scores: Scores, rivals: Sequence[Row], models: Sequence[str]) -
 
 def _better_models(scores: Scores, models: Sequence[str], model: str) -> Iterator[str]:
     """Yield the headings whose best model is significantly better than a model."""
-    best = (scores.key.sign * error_matrix(scores, models)).fillna(math.inf).idxmin()
+    originals = [name for name in models if name not in scores.copies]
+    best = (scores.key.sign * error_matrix(scores, originals)).fillna(math.inf).idxmin()
     for heading, tasks in scores.columns.items():
         rival = str(best[heading])
         if all(task.verdict(rival, model) == "a" for task in tasks):
@@ -232,7 +234,10 @@ def task_title(task: ScoredTask) -> str:
 
 def task_headline(task: ScoredTask) -> str:
     """Return the comparison of the best model with the VJM, with its uncertainty; else ""."""
-    rivals = [name for name in task.models if name != REFERENCE_MODEL]
+    rivals = [name for name in task.models if name not in (REFERENCE_MODEL, *task.copies)]
+    if REFERENCE_MODEL in task.scores and task.copies and not rivals:
+        copies = [f"{name} {mark}" for name, mark in task.copies.items()]
+        return f"No model adds anything to its teacher: {first_few(copies)}."
     if REFERENCE_MODEL not in task.scores or not rivals:
         return ""
     winners = [name for name in rivals if task.verdict(name) == "a"]
@@ -257,6 +262,40 @@ def task_headline(task: ScoredTask) -> str:
     if task.errors.of_splits is None:
         texts.append("It holds for these fits: other training samples can change it.")
     return f"{which[verdict]}: {' '.join(texts)}"
+
+
+LIKE_TRAINING = {"holdout", "holdout-paths", "repeated-holdout", "kfold", "leave-one-out"}
+"""Protocols whose test poses are like the training poses."""
+LEFT_OUT_REGIONS = "workspace-extrapolation"
+
+
+def elsewhere_notes(tasks: Sequence[ScoredTask]) -> Iterator[str]:
+    """Yield a sentence per comparison whose test poses do not tell the errors on a path elsewhere.
+
+    Left-out regions contradict it, or the poses were planned and no regions were left out.
+    """
+    regions = {
+        task.name.data_sha256: task for task in tasks if task.task.cell.protocol == LEFT_OUT_REGIONS
+    }
+    for task in tasks:
+        if task.task.cell.protocol not in LIKE_TRAINING:
+            continue
+        model, of_regions = task.best(), regions.get(task.name.data_sha256)
+        where = f"{task.name.dataset}, {task.name.protocol}"
+        if of_regions is not None and model in of_regions.scores:
+            best = of_regions.best()
+            error, least = (MM * of_regions.mean(name) for name in (model, best))
+            if error > math.exp(MARGIN) * least > 0.0:
+                yield (
+                    f"{where}: {model} is the best only near the training poses. In left-out "
+                    f"regions it has {error:.3f} mm and {best} {least:.3f} mm, which tells more "
+                    "about a path elsewhere."
+                )
+        elif is_planned(task.data.measured.group):
+            yield (
+                f"{where}: planned poses are not like those of a path, so errors and order of the "
+                f"models can differ there; --protocol {LEFT_OUT_REGIONS} tests left-out regions."
+            )
 
 
 # notes of leaderboards

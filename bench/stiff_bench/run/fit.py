@@ -35,8 +35,8 @@ from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import Cost
 from stiff_protocols.contract.stiffness_model import (
-    check_readings,
     StiffnessModel,
+    check_readings,
     interval_at_tcp,
     offers,
     optional,

@@ -84,7 +84,8 @@ def cross_validated_error(
     """Return the error of a model at poses that its fits left out.
 
     Each fifth of the poses is predicted by a model that is fitted to the other poses as in
-    `whole_fit`. With fewer than five poses, each pose is left out in turn.
+    `whole_fit`. Readings are compared with `predict_reading`. With fewer than five poses, each
+    pose is left out in turn.
 
     Raises:
         ModelError: the samples have only one pose.
@@ -101,7 +102,8 @@ def cross_validated_error(
             model = choice.make()
             train, validation = _training_side(choice, learned, seed)
             model.fit(train, robot=robot, validation=validation, seed=seed)
-            predicted = np.asarray(model.predict(left_out.q, left_out.wrench))
+            predict_reading = optional(model, "predict_reading")
+            predicted = np.asarray(predict_reading(left_out.q, left_out.wrench))
             check_prediction(predicted, len(left_out))
             errors.append(predicted - left_out.deflection)
     return CrossValidatedError.of(np.concatenate(errors), len(errors))

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import numpy as np
 
+from stiff_bench.console import printable
 from stiff_bench.parameter_types import Folder, Form
 from stiff_bench.store.database import (
     ResultStore,
@@ -54,7 +55,7 @@ class Merged:
         return [*lines, f"{self.n_cells} results in {self.output}, {self.n_there} from before"]
 
     def __repr__(self) -> str:
-        return "\n".join(self.report)
+        return printable("\n".join(self.report))
 
 
 def merge(folders: Annotated[Sequence[Path | str], Form("DIR...")], output: Folder) -> Merged:

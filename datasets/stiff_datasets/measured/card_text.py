@@ -21,6 +21,7 @@ from stiff_datasets.measured.sample_columns import (
     counted,
     in_file_units,
 )
+from stiff_protocols.contract.screen import one_line, printable
 from stiff_protocols.contract.types import BenchmarkData
 
 FILL_IN = {
@@ -49,7 +50,9 @@ def card_text(name: str, rows: Mapping[str, str], body: str = UNKNOWNS) -> str:
     """
     needed = {row: f"{TO_DO}: {hint}" for row, hint in FILL_IN.items() if not rows.get(row)}
     lines = [f"| {row} | {value} |" for row, value in {**rows, **needed}.items() if value]
-    return "\n".join([f"# Data card: {name}", "", "| | |", "|---|---|", *lines, "", body, ""])
+    return "\n".join(
+        [f"# Data card: {one_line(name)}", "", "| | |", "|---|---|", *lines, "", body, ""]
+    )
 
 
 def own_card(path: Path, data: BenchmarkData, no_torque: bool, facts: Mapping[str, str]) -> str:
@@ -121,7 +124,7 @@ def tcp_option(tcp: Iterable[float]) -> str:
 
 def one_row(text: str) -> str:
     """Return a text as a cell of a Markdown table."""
-    return " ".join(text.split()).replace("|", r"\|")
+    return printable(" ".join(text.split())).replace("|", r"\|")
 
 
 def earlier_card(path: Path) -> str:

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from stiff_datasets.measured.mistakes import (
     FITTED_HYPOTHESES,
-    MIN_POINT_DISTANCE,
     POINT_HYPOTHESES,
+    TCP_HYPOTHESIS,
+    ZERO_WORDS,
     FittedHypothesis,
     Reading,
     compliances,
@@ -26,6 +27,7 @@ from stiff_datasets.measured.mistakes import (
     reading,
     solve_nonnegative,
     with_tilting_joints,
+    zero_hypotheses,
 )
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import RANK_TOLERANCE
@@ -95,6 +97,7 @@ class Diagnosis:
     Attributes:
         given: fit to the samples without a hypothesis.
         best: fit of the hypothesis that is clearly better; None: no hypothesis is.
+        compared: fit to the samples without a hypothesis, with the springs of `best`.
         ties: texts of the hypotheses that explain the samples as well.
         elsewhere: fits with springs across the joints' axes, too: at the given points, then at
             other points, the best first. Empty if a mistake was found or no other point is
@@ -103,6 +106,7 @@ class Diagnosis:
 
     given: Fit
     best: Fit | None = None
+    compared: Fit | None = None
     ties: tuple[str, ...] = ()
     elsewhere: tuple[Fit, ...] = ()
 
@@ -140,34 +144,76 @@ def diagnose(
     better_fits = _better_hypotheses(data, given, pose, fold, joints_only, may_fit)
     if better_fits:  # not what bearings that tilt explain as well
         tilting = _cross_validate("", with_tilting_joints(data), fold)
-        better_fits = [
-            fit
+        tilting_fits = {
+            fit.text: _cross_validate("", with_tilting_joints(fit.reading), fold, fit.min_gain)
             for fit in better_fits
-            if _clearly_better(
-                _cross_validate("", with_tilting_joints(fit.reading), fold, fit.min_gain),
-                tilting,
-                pose,
-            )
+        }
+        better_fits = [
+            fit for fit in better_fits if _clearly_better(tilting_fits[fit.text], tilting, pose)
         ]
     if _stiffness_size(data) == "usual":  # an undone mistake leaves a usual size
         better_fits = [fit for fit in better_fits if _stiffness_size(fit.reading) != "unusual"]
     lowest = min((fit.score for fit in better_fits), default=0.0)
     near_best = [fit for fit in better_fits if fit.score <= NEAR_TIE_RATIO * lowest]
     best = min(near_best, key=functools.partial(_doubts, TIE_RATIO * lowest), default=None)
+    if best is not None and ZERO_WORDS in best.text:  # bearings that tilt tell it from a TCP
+        best = min(near_best, key=lambda fit: tilting_fits[fit.text].rms)
     near_best = sorted((fit for fit in near_best if fit is not best), key=lambda fit: fit.score)
+    ties = tuple(fit.text for fit in near_best)
+    if best is not None or not may_fit:
+        return Diagnosis(given, best, given, ties)
+    tilting_data = with_tilting_joints(data)
+    tilting = _cross_validate("", tilting_data, fold)
+    best = _best_with_tilting_joints(tilting_data, tilting, pose, fold, joints_only)
+    if best is not None:
+        return Diagnosis(given, best, tilting)
     elsewhere: tuple[Fit, ...] = ()
-    if best is None and may_fit and not joints_only and given.explained < CLEAN_EXPLAINED:
-        elsewhere = _fits_of_points(with_tilting_joints(data), pose, fold)
-    return Diagnosis(given, best, tuple(fit.text for fit in near_best), elsewhere)
+    if not joints_only and given.explained < CLEAN_EXPLAINED:
+        elsewhere = _fits_of_points(tilting_data, tilting, pose, fold)
+    return Diagnosis(given, elsewhere=elsewhere)
 
 
-def _fits_of_points(data: Reading, pose: IntArray, fold: IntArray) -> tuple[Fit, ...]:
+def _best_with_tilting_joints(
+    data: Reading, given: Fit, pose: IntArray, fold: IntArray, joints_only: bool
+) -> Fit | None:
+    """Return the fit of the best mistake in the geometry, with springs about all axes.
+
+    They leave less than joint springs, so that they show smaller mistakes. Only hypotheses whose
+    first step of the search gains half of the least share are fitted. If the force's point explains
+    as much as the TCP, none is returned: `_fits_of_points` asks about both.
+    """
+    force_point = POINT_HYPOTHESES[1]
+    points = () if joints_only else (force_point, TCP_HYPOTHESIS)
+    hypotheses = (*points, *zero_hypotheses(data.robot))
+    fits: list[tuple[float, int, FittedHypothesis, FloatArray]] = []
+    for hypothesis in hypotheses:
+        start = np.zeros(hypothesis.n_free)
+        if _can_gain(hypothesis, data, start):
+            numbers = _fit_numbers(hypothesis, data, start)
+            bound = rms_of_all(hypothesis.change(data, numbers)) / (1.0 - hypothesis.min_gain)
+            if np.linalg.norm(numbers) > hypothesis.least:
+                fits.append((bound, len(fits), hypothesis, numbers))
+    for bound, _, hypothesis, numbers in sorted(fits, key=lambda entry: entry[:2]):
+        if bound > given.rms:
+            break
+        if hypothesis is force_point:
+            return None
+        fit = _cross_validate_fitted(hypothesis, numbers, data, fold)
+        if fit.explained > MIN_EXPLAINED and _clearly_better(fit, given, pose):
+            one_spring_each = fit.reading.jacobian[:, :, : data.robot.n_joints]
+            return replace(fit, reading=replace(fit.reading, jacobian=one_spring_each))
+    return None
+
+
+def _fits_of_points(
+    data: Reading, given_fit: Fit, pose: IntArray, fold: IntArray
+) -> tuple[Fit, ...]:
     """Return the fits at given and other points; () if no far point is clearly better."""
-    given_fit, fits, is_clear = _cross_validate("", data, fold), [], False
+    fits, is_clear = [], False
     for hypothesis in POINT_HYPOTHESES:
         point = _fit_numbers(hypothesis, data, np.zeros(hypothesis.n_free))
         fit = _cross_validate_fitted(hypothesis, point, data, fold)
-        is_far = float(np.linalg.norm(point)) > MIN_POINT_DISTANCE
+        is_far = float(np.linalg.norm(point)) > hypothesis.least
         is_clear |= is_far and _clearly_better(fit, given_fit, pose)
         fits.append(fit)
     return (given_fit, *sorted(fits, key=lambda fit: fit.rms)) if is_clear else ()
@@ -190,13 +236,22 @@ def _better_hypotheses(
     for text, changed_data, gain in fixed_hypotheses(data, joints_only):
         cross_validate_fixed = functools.partial(_cross_validate, text, changed_data, fold, gain)
         candidates.append(
-            (_rms_of_all(changed_data) / (1.0 - gain), len(candidates), cross_validate_fixed)
+            (rms_of_all(changed_data) / (1.0 - gain), len(candidates), cross_validate_fixed)
         )
-    may_fit = may_fit and not joints_only and given.explained < CLEAN_EXPLAINED
-    for hypothesis in FITTED_HYPOTHESES if may_fit else ():
-        numbers = _fit_numbers(hypothesis, data, np.zeros(hypothesis.n_free))
-        if numbers[0] > 0.0 or not hypothesis.positive:
-            bound = _rms_of_all(hypothesis.change(data, numbers)) / (1.0 - hypothesis.min_gain)
+    hypotheses = zero_hypotheses(data.robot) if may_fit else ()
+    if may_fit and not joints_only and given.explained < CLEAN_EXPLAINED:
+        hypotheses = (*FITTED_HYPOTHESES, *hypotheses)
+    for hypothesis in hypotheses:
+        start = np.zeros(hypothesis.n_free)
+        if hypothesis.starts:
+            trials = [start, *(np.array([number]) for number in hypothesis.starts)]
+            start = min(trials, key=lambda trial: rms_of_all(hypothesis.change(data, trial)))
+            if not start.any() and not _can_gain(hypothesis, data, start):
+                continue
+        numbers = _fit_numbers(hypothesis, data, start)
+        is_positive = numbers[0] > 0.0 or not hypothesis.positive
+        if is_positive and np.linalg.norm(numbers) > hypothesis.least:
+            bound = rms_of_all(hypothesis.change(data, numbers)) / (1.0 - hypothesis.min_gain)
             cross_validate_fitted = functools.partial(
                 _cross_validate_fitted, hypothesis, numbers, data, fold
             )
@@ -213,7 +268,7 @@ def _better_hypotheses(
     return [better_fits[position] for position in sorted(better_fits)]
 
 
-def _rms_of_all(data: Reading) -> float:
+def rms_of_all(data: Reading) -> float:
     """Return the RMS residual of joint springs fitted to all samples, m."""
     residual = data.deflection - data.regressor() @ compliances(data)
     return _rms((residual**2).sum(axis=1))
@@ -308,23 +363,50 @@ def _fit_numbers(
     hypothesis: FittedHypothesis, data: Reading, numbers: FloatArray, steps: int = FIT_STEPS
 ) -> FloatArray:
     """Return the (n_free,) numbers that fit best, by Gauss-Newton from `numbers`."""
-    step = 1e-3
+    rms = rms_of_all(hypothesis.change(data, numbers))
     for _ in range(steps):
-        changed = hypothesis.change(data, numbers)
-        matrix, compliance = changed.regressor(), compliances(changed)
-        residual = changed.deflection - matrix @ compliance
-        slopes = []
-        for unit in np.eye(hypothesis.n_free):
-            moved = hypothesis.change(data, numbers + step * unit)
-            slopes.append((residual - moved.deflection + moved.regressor() @ compliance) / step)
-        design = np.concatenate([np.stack(slopes, axis=-1), matrix], axis=-1)
-        design = design.reshape(-1, design.shape[-1])
-        size = np.linalg.norm(design, axis=0)
-        size[size == 0.0] = 1.0
-        change = np.linalg.lstsq(design / size, residual.reshape(-1))[0] / size
-        change = change[: hypothesis.n_free]
+        change, _ = _linear_step(hypothesis, data, numbers)
         trials = (numbers + share * change for share in (1.0, 0.5, 0.25))
-        numbers = min(trials, key=lambda trial: _rms_of_all(hypothesis.change(data, trial)))
-        if np.linalg.norm(change) < 1e-3 * np.linalg.norm(numbers):
+        rms_before, (rms, numbers) = (
+            rms,
+            min(
+                ((rms_of_all(hypothesis.change(data, trial)), trial) for trial in trials),
+                key=lambda entry: entry[0],
+            ),
+        )
+        is_small = np.linalg.norm(change) < 1e-3 * np.linalg.norm(numbers)
+        if is_small or rms > (1.0 - 1e-4) * rms_before:
             break
     return numbers
+
+
+def _can_gain(hypothesis: FittedHypothesis, data: Reading, numbers: FloatArray) -> bool:
+    """Test if the first step of the search gains half of the least share."""
+    rms = rms_of_all(hypothesis.change(data, numbers))
+    return _linear_step(hypothesis, data, numbers)[1] < (1.0 - 0.5 * hypothesis.min_gain) * rms
+
+
+def _linear_step(
+    hypothesis: FittedHypothesis, data: Reading, numbers: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return a step of Gauss-Newton (n_free,) and the RMS residual [m] that it would leave.
+
+    In the step, compliances may become negative.
+    """
+    step = 1e-3
+    changed = hypothesis.change(data, numbers)
+    matrix, compliance = changed.regressor(), compliances(changed)
+    residual = changed.deflection - matrix @ compliance
+    slopes = []
+    for unit in np.eye(hypothesis.n_free):
+        moved = hypothesis.change(data, numbers + step * unit)
+        slopes.append((residual - moved.deflection + moved.regressor() @ compliance) / step)
+    design = np.concatenate([np.stack(slopes, axis=-1), matrix], axis=-1)
+    design = design.reshape(-1, design.shape[-1])
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    coefficients = np.linalg.lstsq(design / size, residual.reshape(-1))[0]
+    residual_left = residual.reshape(-1) - design / size @ coefficients
+    return (coefficients / size)[: hypothesis.n_free], _rms(
+        (residual_left.reshape(-1, 3) ** 2).sum(axis=1)
+    )

@@ -1,4 +1,4 @@
-"""Define the options of a file of samples: torques, sheet, tolerance of poses."""
+"""Define the options of a file of samples: torques, sheet, tolerance of poses, frame."""
 
 from __future__ import annotations
 
@@ -20,11 +20,14 @@ class FileOptions:
         sheet: sheet of an Excel file; by default the only one with a table.
         pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
             most this, in deg (prismatic joints: mm).
+        register: the positions are in another frame than the base's: turn the deflections to the
+            base frame, by the unloaded positions and the joint positions.
     """
 
     no_torque: bool = False
     sheet: str | None = None
     pose_tolerance: float = POSE_TOLERANCE
+    register: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.pose_tolerance <= LARGEST_POSE_TOLERANCE:
@@ -38,6 +41,7 @@ class FileOptions:
         words += [] if self.sheet is None else ["--sheet", self.sheet]
         if self.pose_tolerance != POSE_TOLERANCE:
             words += ["--pose-tolerance", str(self.pose_tolerance)]
+        words += ["--register"] * self.register
         return words
 
 

@@ -17,8 +17,8 @@ import pandas as pd
 from pandas.api.types import infer_dtype
 
 from stiff_datasets.measured.row_checks import (
-    limit_problems,
     numbers_and_loads,
+    outside_limits_text,
     problems_error,
     radian_problems,
     table_problems,
@@ -29,7 +29,6 @@ from stiff_datasets.measured.sample_columns import (
     MM_PER_M,
     WRENCH_COLUMNS,
     all_columns,
-    counted,
     file_units,
     in_file_units,
     joint_columns,
@@ -107,11 +106,8 @@ def _loads(cells: Sheet, robot: Robot) -> LoadTable:
     if problems:
         raise problems_error(path, problems)
     warning_texts = [*map(str, radian_problems(q_file, robot))]
-    if outside_limits := [*limit_problems(sheet, q_file, robot)]:
-        rows = counted(len({problem.row for problem in outside_limits}), "row")
-        warning_texts.append(
-            f"{rows} with a joint outside its limits, the first: {outside_limits[0]}"
-        )
+    if outside_limits := outside_limits_text(sheet, q_file, robot):
+        warning_texts.append(outside_limits)
     names = [name for name in ID_COLUMNS if name in sheet.cells]
     columns: dict[str, object] = {name: sheet.cells[name].to_numpy(dtype=object) for name in names}
     columns |= dict(zip(joints, q_file.T, strict=True))

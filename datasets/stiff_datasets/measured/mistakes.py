@@ -15,15 +15,18 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from stiff_datasets.measured.sample_columns import DEG_PER_RAD, MM_PER_M
+from stiff_datasets.measured.sample_columns import DEG_PER_RAD, MM_PER_M, joint_columns
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import AXES, BoolArray, FloatArray, IntArray, Robot
 from stiff_protocols.kinematics.serial_chain import unit_deflections
 
+ZERO_WORDS = "looks as if its zero were"
 POINT_GAIN, GAIN, RARE_GAIN = 0.05, 0.1, 0.15
 """Least shares by which a hypothesis has to lower the RMS residual: for another point of the
 torques, for most hypotheses, and for units and odd orders of axes. In clean data of 30 poses the
 largest share was 0.10, from a lower weight of the torques."""
+ALIGNED = np.deg2rad(1.0)
+"""rad; axes of joints are parallel within this angle."""
 UP = np.array([0.0, 0.0, 1.0])
 LOAD_VECTORS = ("force", "torque")
 LOAD_UNITS = {
@@ -141,6 +144,8 @@ class FittedHypothesis:
         change: returns the samples as changed by the (n_free,) numbers, SI.
         min_gain: least share by which the hypothesis has to lower the RMS residual. It is larger
             than without free numbers, which also fit the residual of data without a mistake.
+        least: least length of the numbers, SI; less is usual.
+        starts: (n_starts,) SI, further starts of the search for a single number.
         unit: factor from SI to the unit of the text.
         positive: true if the first number must be positive.
         n_unnamed: number of free numbers without a place in the text.
@@ -152,6 +157,8 @@ class FittedHypothesis:
     unit: float = 1.0
     positive: bool = False
     n_unnamed: int = 0
+    least: float = 0.0
+    starts: tuple[float, ...] = ()
 
     @property
     def n_free(self) -> int:
@@ -239,7 +246,7 @@ def _axis_hypotheses(data: Reading) -> dict[str, Reading]:
     for matrix in _signed_permutations():
         proper = np.linalg.det(matrix) > 0.0
         same = bool((matrix == np.eye(3)).all())
-        read = f"had to be read {_axes_text(matrix)}"
+        read = f"had to be read {axes_text(matrix)}"
         frame = "expressed in the flange frame" + ("" if same else f" and {read}")
         again = functools.partial(_turn, matrix)
         to_base = functools.partial(_turn, data.flange @ matrix)
@@ -269,13 +276,25 @@ def _axis_hypotheses(data: Reading) -> dict[str, Reading]:
 
 
 def _joint_hypotheses(data: Reading) -> dict[str, Reading]:
-    names, q = data.robot.joint_names, data.q
+    positions_by_text = joint_positions(data.robot, data.q)
+    return {text: data.at(positions) for text, positions in positions_by_text.items()}
+
+
+def joint_positions(robot: Robot, q: FloatArray) -> dict[str, FloatArray]:
+    """Return the joint positions (n, n_joints) in which each mistake of the joints is undone.
+
+    Args:
+        robot: the measured robot.
+        q: (n, n_joints) rad or m.
+    """
+    names = robot.joint_names
     numbers = np.arange(len(names))
-    revolute = data.robot.turns
+    revolute = robot.turns
     positions_by_text = {  # text -> (n, n_joints) joint positions, rad or m
         f"joint {name} looks as if it had the opposite sign": np.where(numbers == i, -q, q)
         for i, name in enumerate(names)
     }
+    positions_by_text |= _coupled_positions(robot, q)
     for i in np.flatnonzero(revolute):
         for degrees in (90, -90, 180):
             text = f"joint {names[i]} looks as if it were {degrees:+d} deg off"
@@ -301,7 +320,44 @@ def _joint_hypotheses(data: Reading) -> dict[str, Reading]:
         positions_by_text[f"joint {names[i]} looks as if it were in rad"] = np.where(
             numbers == i, in_rad, q
         )
-    return {text: data.at(positions) for text, positions in positions_by_text.items()}
+    return positions_by_text
+
+
+def _coupled_positions(robot: Robot, q: FloatArray) -> dict[str, FloatArray]:
+    """Return the joint positions in which a coupling of two joints is undone.
+
+    A robot may move one joint with another: joint 3 with joint 2, or the wrist's joints. Its angles
+    count from the ground, or from where the other joint put it.
+    """
+    positions_by_text = {}
+    if robot.controller is not None:
+        positions = robot.controller.to_description(q)
+        if not np.array_equal(positions, q):
+            ground = ", with joint 3 measured from the ground" * robot.controller.j3_from_ground
+            text = (
+                f"the joint angles look as if they were the controller's{ground}: convert them as "
+                "the <controller> of the URDF says"
+            )
+            positions_by_text[text] = positions
+    names, columns, n = robot.joint_names, joint_columns(robot), robot.n_joints
+    numbers = np.arange(n)
+    axes = (robot.forward(np.zeros((1, n))).rotations[0] @ robot.axes[:, :, None])[:, :, 0]
+    pairs = [(i, i + 1) for i in range(n - 1)] + ([(n - 3, n - 1)] if n > 3 else [])
+    for i, j in pairs:
+        if not robot.turns[[i, j]].all():
+            continue
+        is_parallel = abs(float(axes[i] @ axes[j])) > np.cos(ALIGNED)
+        how = "measured from the ground" if is_parallel else f"coupled to joint {names[i]}"
+        for sign, word, undone in (
+            (1.0, "+", f"subtract {columns[i]} from"),
+            (-1.0, "-", f"add {columns[i]} to"),
+        ):
+            text = (
+                f"joint {names[j]} looks as if it were {how} (J{j + 1} {word} J{i + 1}; {undone} "
+                f"{columns[j]})"
+            )
+            positions_by_text[text] = q - sign * np.where(numbers == j, q[:, [i]], 0.0)
+    return positions_by_text
 
 
 def _row_hypotheses(data: Reading) -> dict[str, Reading]:
@@ -353,6 +409,15 @@ def _turn_about_z(data: Reading, angle: FloatArray, *, names: Sequence[str]) -> 
     return _change_vectors(data, functools.partial(_turn, turn), *names)
 
 
+TCP_HYPOTHESIS = FittedHypothesis(
+    "the TCP looks as if it lay ({:.0f}, {:.0f}, {:.0f}) mm from the given one, in the flange "
+    "frame",
+    _with_tcp_moved,
+    min_gain=0.25,
+    unit=MM_PER_M,
+)
+"""With springs about all axes. In clean data it gains 0.06 at most, in the FANUC measurement
+0.23."""
 WEIGHT_GAIN, OFFSET_GAIN, TCP_GAIN, TURN_GAIN = 0.15, 0.18, 0.2, 0.3
 """Free numbers also fit the residual of joint springs in clean data. The largest gains there are
 0.10 in the KR10's twins, 0.14 in the FANUC measurement, and 0.01."""
@@ -388,13 +453,7 @@ FITTED_HYPOTHESES = (
         lambda data, offset: replace(data, torque=data.torque - offset),
         min_gain=OFFSET_GAIN,
     ),
-    FittedHypothesis(
-        "the TCP looks as if it lay ({:.0f}, {:.0f}, {:.0f}) mm from the given one, in the flange "
-        "frame",
-        _with_tcp_moved,
-        min_gain=TCP_GAIN,
-        unit=MM_PER_M,
-    ),
+    replace(TCP_HYPOTHESIS, min_gain=TCP_GAIN),
     *(
         FittedHypothesis(
             f"{what} had to be read turned by {{:+.0f}} deg about z",
@@ -411,21 +470,55 @@ FITTED_HYPOTHESES = (
 )
 
 
+def zero_hypotheses(robot: Robot) -> tuple[FittedHypothesis, ...]:
+    """Return one hypothesis per revolute joint: its zero lies elsewhere.
+
+    The number is what has to be added to the joint's angles.
+    """
+    last = robot.n_joints - 1  # which turns only the tool
+    return tuple(
+        FittedHypothesis(
+            f"joint {robot.joint_names[i]} {ZERO_WORDS} {{:+.1f}} deg off (to be "
+            f"added to its angles){', or the TCP turned about its axis' * bool(i == last)}",
+            functools.partial(_with_zero_moved, joint=int(i)),
+            min_gain=ZERO_GAIN,
+            unit=DEG_PER_RAD,
+            least=LEAST_ZERO,
+            starts=ZERO_STARTS,
+        )
+        for i in np.flatnonzero(robot.turns)
+    )
+
+
+def _with_zero_moved(data: Reading, angle: FloatArray, *, joint: int) -> Reading:
+    """Add an angle (1,) [rad] to the angles of a joint."""
+    moved = data.at(data.q + angle * (np.arange(data.robot.n_joints) == joint))
+    has_tilting_joints = data.jacobian.shape[2] > data.robot.n_joints
+    return with_tilting_joints(moved) if has_tilting_joints else moved
+
+
+ZERO_GAIN, LEAST_ZERO = 0.2, np.deg2rad(1.0)
+"""Least gain, and least angle (rad) at which the zero of a joint is named. In clean data springs
+about all axes gain 0.04 at most, in the FANUC measurement 0.14."""
+ZERO_STARTS = tuple(np.deg2rad([-135.0, -45.0, 45.0, 135.0]))
+"""rad; mistakes of 90 and 180 deg are hypotheses of their own."""
+
+MIN_POINT_DISTANCE = 0.1
+"""m; least distance from the TCP at which a point is named. In clean data the points compensate
+errors of the springs, up to 0.06 m from the TCP, and two of ten rough twins gain 0.21."""
 POINT_HYPOTHESES = tuple(
     FittedHypothesis(
         f"{what} ({{:.0f}}, {{:.0f}}, {{:.0f}}) mm from the TCP",
         change,
         min_gain=TCP_GAIN,
         unit=MM_PER_M,
+        least=MIN_POINT_DISTANCE,
     )
     for what, change in (("measured and loaded", _with_tcp_moved), ("loaded", _with_force_moved))
 )
 """Other points where the tool was measured or loaded, flange frame. They are compared on joints
 that tilt, which explain more of clean data than joint springs. The FANUC measurement gains 0.23 and
 0.14."""
-MIN_POINT_DISTANCE = 0.1
-"""m; least distance from the TCP at which a point is named. In clean data the points compensate
-errors of the springs, up to 0.06 m from the TCP, and two of ten rough twins gain 0.21."""
 
 
 def _signed_permutations() -> list[FloatArray]:
@@ -438,7 +531,7 @@ def _signed_permutations() -> list[FloatArray]:
     return sorted(matrices, key=lambda matrix: -float(np.trace(matrix)))
 
 
-def _axes_text(matrix: FloatArray) -> str:
+def axes_text(matrix: FloatArray) -> str:
     """Describe how a signed permutation changes the axes of a file."""
     diagonal, proper = np.diag(matrix), np.linalg.det(matrix) > 0.0
     if (diagonal == -1.0).all():

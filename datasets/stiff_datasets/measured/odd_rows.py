@@ -13,8 +13,9 @@ from typing import Literal
 import numpy as np
 
 from stiff_datasets.measured.file_options import POSE_TOLERANCE
-from stiff_datasets.measured.row_checks import linked_rows
+from stiff_datasets.measured.row_checks import linked_rows, shortest_moves
 from stiff_datasets.measured.sample_columns import (
+    DECIMALS,
     DEFLECTION_COLUMNS,
     MM_PER_M,
     WRENCH_COLUMNS,
@@ -57,12 +58,13 @@ class Finding:
     """A fact, a warning or an error about a file.
 
     Attributes:
-        level: "error": the file cannot be used; "warning": to be checked; "fact": as expected.
+        level: "error": the file cannot be used; "warning": to be checked; "note": a warning that
+            needs no check; "fact": as expected.
         message: one line; for a fact "name: value".
         rows: row numbers in the file (see `stiff_datasets.measured.sheet_files.Sheet`).
     """
 
-    level: Literal["error", "warning", "fact"]
+    level: Literal["error", "warning", "note", "fact"]
     message: str
     rows: tuple[int, ...] = ()
 
@@ -77,14 +79,17 @@ def fact(name: str, value: str) -> Finding:
     return Finding("fact", f"{name}: {value}")
 
 
-def duplicate_findings(samples: Samples, near_poses: str, lines: IntArray) -> Iterator[Finding]:
+def duplicate_findings(
+    samples: Samples, robot: Robot, pose_doubts: Sequence[str], lines: IntArray
+) -> Iterator[Finding]:
     """Find poses with two names, repeated samples and copied deflections.
 
-    `near_poses` describes the poses with two names (see `sample_file.CheckedSamples`).
+    `pose_doubts` are texts on the names of poses (see `sample_file.CheckedSamples`).
     """
-    if near_poses:
-        yield warning(near_poses)
-    repeated = _repeats_of_earlier_rows(np.column_stack([samples.q, samples.wrench]))
+    for doubt in pose_doubts:
+        yield warning(doubt)
+    q_file = shortest_moves((samples.q * file_units(robot)).round(DECIMALS), robot.turns)
+    repeated = _repeats_of_earlier_rows(np.column_stack([q_file, samples.wrench]))
     repeated = repeated[samples.wrench[repeated].any(axis=1)]
     if len(repeated):
         yield warning(
@@ -202,7 +207,7 @@ def median_and_deviation(values: FloatArray) -> tuple[float, float]:
 
 def repeated_rows(samples: Samples, robot: Robot) -> list[IntArray]:
     """Return the rows of each load that was measured repeatedly at one pose."""
-    poses = linked_rows(samples.q * file_units(robot), POSE_TOLERANCE)
+    poses = linked_rows(samples.q * file_units(robot), POSE_TOLERANCE, robot.turns)
     groups = []
     for pose in np.flatnonzero(np.bincount(poses) > 1):
         remaining_rows = np.flatnonzero(poses == pose)

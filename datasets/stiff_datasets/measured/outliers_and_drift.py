@@ -173,6 +173,7 @@ class Change:
 def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None:
     """Find a drift of the deflections over the rows, or a jump at a row.
 
+    The rows, with their numbers `lines`, are in the order of the measurement.
     Each is an offset of the deflections. It is fitted with the springs and lost motions of
     `find_outliers` and a constant offset. It counts if the F statistic of its three numbers
     exceeds `MIN_CHANGE_F` and the RMS error of rows left out falls by `CHANGE_GAIN`. The better of
@@ -184,14 +185,13 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
     part, fitted = data.take(compared), np.ones(len(compared), dtype=bool)
     constant = np.ones(len(lines))
     given = _left_out(part, fitted, constant[compared, None])
-    jump = lines[compared[_likeliest_jump(part, given)]]
-    first, last = lines[0], lines[-1]
-    jumped = f"jumped by {{}} mm at row {jump} and stayed there"
-    drifted = f"drifted by {{}} mm from row {first} to row {last}"
-    after = lines >= jump
+    place, jump = np.arange(len(lines)), compared[_likeliest_jump(part, given)]
+    jumped = f"jumped by {{}} mm at row {lines[jump]} and stayed there"
+    drifted = f"drifted by {{}} mm from row {lines[0]} to row {lines[-1]}"
+    after = place >= jump
     changes = []
     for what, course, rows in (
-        (drifted, (lines - first) / (last - first), ()),
+        (drifted, place / place[-1], ()),
         (jumped, after.astype(np.float64), lines[after]),
     ):
         fit = _left_out(part, fitted, np.column_stack([constant, course])[compared])

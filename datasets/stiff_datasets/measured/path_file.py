@@ -297,6 +297,7 @@ def corrected_table(
     compensation: Compensation,
     extrapolates: Sequence[str],
     expected_error: FloatArray | None,
+    half_width: FloatArray | None,
     interval: Interval | None = None,
 ) -> pd.DataFrame:
     """Return the commands of a corrected path as a table of a file.
@@ -306,8 +307,9 @@ def corrected_table(
         robot: robot of the joint positions.
         compensation: the commands, of the same rows.
         extrapolates: (n,) quantities of a row beyond the training range.
-        expected_error: (n,) expected remaining distance from the target point, m; None: not known,
-            and the column is empty.
+        expected_error: (n,) expected mean distance from the target point, m; None: not known, and
+            the column is empty.
+        half_width: (n,) half width of the interval of that distance, m; None: not known.
         interval: interval of the deflections at the commands.
     """
     local_position = (compensation.position - table.frame[:3, 3]) @ table.frame[
@@ -319,6 +321,7 @@ def corrected_table(
     unknown_error = np.full(len(compensation.target), np.nan)
     lengths["removed_mm"] = np.linalg.norm(compensation.removed, axis=1)
     lengths["expected_error_mm"] = unknown_error if expected_error is None else expected_error
+    lengths["half_width_mm"] = unknown_error if half_width is None else half_width
     loads = table.columns[[*WRENCH_COLUMNS]]
     joints = dict(zip(joint_columns(robot), (compensation.q * file_units(robot)).T, strict=True))
     parts = [

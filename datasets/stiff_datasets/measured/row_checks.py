@@ -5,6 +5,8 @@ Each check yields one `Problem` per error; every reader of rows uses these check
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,13 +29,26 @@ from stiff_datasets.measured.sample_columns import (
 )
 from stiff_datasets.measured.sheet_files import MAYBE_GROUPED, NUMBER, Sheet
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import AXES, FloatArray, IntArray, Robot, TextArray
+from stiff_protocols.contract.types import (
+    AXES,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Robot,
+    TextArray,
+)
 
 MAX_NUMBER = 1e6
 """N, N m, deg or mm; limit of loads, and of positions of joints without limits."""
 FULL_TURN_RAD = 2.0 * np.pi
+FULL_TURN_DEG = 360.0
+WIDEST_POSE = 10.0
+"""Tolerances that the rows of a pose may span; drifting joints link poses into longer chains."""
 LIMIT_SLACK = 1e-6
 """deg or mm; a limit may have been written with rounding."""
+LIMIT_TOLERANCE = 1.0
+"""deg or mm; a measured position this little beyond a limit is usual: controllers round and
+overshoot, and URDFs round limits."""
 
 POSITIONS_TEXT = (
     f"{', '.join(UNLOADED_COLUMNS)} (unloaded) and {', '.join(LOADED_COLUMNS)} (loaded position)"
@@ -226,15 +241,26 @@ def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
         )
 
 
-def limit_problems(sheet: Sheet, q_file: FloatArray, robot: Robot) -> Iterator[Problem]:
-    """Yield the joint positions (n, n_joints), deg or mm, outside the robot's limits."""
+def limit_problems(
+    sheet: Sheet, q_file: FloatArray, robot: Robot, slack: float = LIMIT_SLACK
+) -> Iterator[Problem]:
+    """Yield the joint positions (n, n_joints), deg or mm, outside the robot's limits by `slack`."""
     columns, ends = joint_columns(robot), np.stack([robot.lower, robot.upper]) * file_units(robot)
     lower, upper = np.clip(ends, -MAX_NUMBER, MAX_NUMBER)
     valid = [
         f"{low:g}..{high:g} {column.rpartition('_')[2]}, the limits of joint {name} of {robot.name}"
         for low, high, column, name in zip(lower, upper, columns, robot.joint_names, strict=True)
     ]
-    return range_problems(sheet, columns, q_file, lower - LIMIT_SLACK, upper + LIMIT_SLACK, valid)
+    return range_problems(sheet, columns, q_file, lower - slack, upper + slack, valid)
+
+
+def outside_limits_text(sheet: Sheet, q_file: FloatArray, robot: Robot) -> str:
+    """Describe the joint positions (n, n_joints), deg or mm, outside the limits; "" for none."""
+    problems = [*limit_problems(sheet, q_file, robot)]
+    if not problems:
+        return ""
+    rows = counted(len({problem.row for problem in problems}), "row")
+    return f"{rows} with a joint outside its limits, the first: {problems[0]}"
 
 
 def with_missing_columns(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
@@ -262,15 +288,26 @@ def pose_reach(robot: Robot, tolerance: float) -> str:
     return f"{tolerance:g} {' and '.join(units)}"
 
 
-def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
+def shortest_moves(moves: FloatArray, turns: BoolArray) -> FloatArray:
+    """Return (n, n_joints) moves, deg or mm, without whole turns of revolute joints (`turns`).
+
+    A whole turn changes neither the geometry of the arm nor its loads.
+    """
+    half = 0.5 * FULL_TURN_DEG
+    return np.where(turns, (moves + half) % FULL_TURN_DEG - half, moves)
+
+
+def linked_rows(q_file: FloatArray, tolerance: float, turns: BoolArray) -> IntArray:
     """Number the poses of rows.
 
-    Two rows are linked if they differ by at most the tolerance in each joint. Rows have the same
-    pose if a chain of linked rows connects them, in any order.
+    Two rows are linked if they differ by at most the tolerance in each joint, without whole turns
+    of revolute joints. Rows have the same pose if a chain of linked rows connects them, in any
+    order.
 
     Args:
         q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
         tolerance: deg and mm.
+        turns: (n_joints,) true for revolute joints.
 
     Returns:
         (n,) number of each row's pose, in the order of the poses' first rows.
@@ -280,11 +317,17 @@ def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
 
     reach = tolerance + LIMIT_SLACK
     q_file = np.clip(np.nan_to_num(q_file), -MAX_NUMBER, MAX_NUMBER)  # other values are refused
+    q_file = np.where(turns, q_file % FULL_TURN_DEG % FULL_TURN_DEG, q_file)  # -1e-20 % 360 is 360
+    period = np.where(turns, FULL_TURN_DEG, 0.0)  # 0: the joint slides
     cells = pd.DataFrame(np.floor(q_file / reach))  # all rows of a cell are linked
     cell = cells.groupby([*cells], sort=False).ngroup().to_numpy()
     rows = np.split(np.argsort(cell, kind="stable"), np.cumsum(np.bincount(cell))[:-1])
-    trees = [cKDTree(np.unique(q_file[rows_of_cell], axis=0)) for rows_of_cell in rows]
-    neighbours = cKDTree(cells.drop_duplicates()).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    trees = [
+        cKDTree(np.unique(q_file[rows_of_cell], axis=0), boxsize=period) for rows_of_cell in rows
+    ]
+    # rows within reach have cells less than 2 apart, also where a turn ends within a cell
+    grid = cKDTree(cells.drop_duplicates(), boxsize=period / reach)
+    neighbours = grid.query_pairs(2.0 - 1e-9, p=np.inf, output_type="ndarray")
     poses = DisjointSet(range(len(trees)))
     for a, b in neighbours.tolist():
         if poses.connected(a, b):
@@ -295,15 +338,80 @@ def linked_rows(q_file: FloatArray, tolerance: float) -> IntArray:
     return np.asarray(pd.factorize(np.array([poses[i] for i in cell.tolist()]))[0], dtype=np.int64)
 
 
-def near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
-    """Describe poses with different names within the tolerance `reach`; "" for none.
+def pose_doubts(
+    pose_id: TextArray,
+    q_file: FloatArray,
+    near: IntArray,
+    lines: IntArray,
+    robot: Robot,
+    tolerance: float,
+) -> tuple[str, ...]:
+    """Describe poses with two names, names that look alike, and poses that are several.
 
     Args:
         pose_id: (n,) names.
+        q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
         near: (n,) pose numbers from `linked_rows`.
-        lines: (n,) row numbers, for the message.
-        reach: the tolerance with its units.
+        lines: (n,) row numbers, for the messages.
+        robot: the measured robot.
+        tolerance: deg and mm.
     """
+    reach = pose_reach(robot, tolerance)
+    texts = (
+        _near_poses_text(pose_id, near, lines, reach),
+        _alike_names_text(pose_id, near, lines),
+        _wide_poses_text(pose_id, q_file, near, robot, tolerance),
+    )
+    return tuple(filter(None, texts))
+
+
+def _alike_names_text(pose_id: TextArray, near: IntArray, lines: IntArray) -> str:
+    """Describe names of different poses that differ only in blanks, case or zeros; "" for none."""
+    names = pd.DataFrame({"name": pose_id, "near": near, "line": lines}).drop_duplicates("name")
+    names["key"] = [_name_key(name) for name in names["name"]]
+    alike = names[names.groupby("key")["near"].transform("nunique") > 1]
+    if alike.empty:
+        return ""
+    pair = alike[alike["key"] == alike["key"].iloc[0]].iloc[:2]
+    example = " and ".join(f"{name!r} (row {line})" for name, _, line, _ in pair.to_numpy())
+    return (
+        f"{len(alike)} pose_ids differ from another only in blanks, case or zeros, such as "
+        f"{example}; a split may put one pose on both sides: write the name of a pose always alike"
+    )
+
+
+def _name_key(name: str) -> str:
+    """Return a name without blanks, case, leading zeros and ".0": "p1" for "P 01" and "P1.0"."""
+    key = "".join(unicodedata.normalize("NFKC", name).casefold().split())
+    key = re.sub(r"(?<![\d.])(\d+)\.0+(?![\d.])", r"\1", key)
+    return re.sub(r"(?<![\d.])0+(?=\d)", "", key)
+
+
+def _wide_poses_text(
+    pose_id: TextArray, q_file: FloatArray, near: IntArray, robot: Robot, tolerance: float
+) -> str:
+    """Describe names whose rows are not linked or span `WIDEST_POSE` tolerances; "" for none."""
+    _, first, pose = np.unique(pose_id, return_index=True, return_inverse=True)
+    moves = shortest_moves(q_file - q_file[first][pose], robot.turns)
+    by_pose = pd.DataFrame(moves).groupby(pose)
+    spans = (by_pose.max() - by_pose.min()).to_numpy()
+    wide = spans.max(axis=1) > WIDEST_POSE * (tolerance + LIMIT_SLACK)
+    wide[pose[near != near[first][pose]]] = True
+    if not wide.any():
+        return ""
+    widest = int(np.argmax(np.where(wide, spans.max(axis=1), -1.0)))
+    joint = int(np.argmax(spans[widest]))
+    column = joint_columns(robot)[joint]
+    return (
+        f"{counted(int(wide.sum()), 'pose_id')} of rows far apart, such as "
+        f"{str(pose_id[first[widest]])!r} with {spans[widest, joint]:.3g} "
+        f"{column.rpartition('_')[2]} in {column}: several poses, or joints that drifted; give "
+        "each pose its own pose_id"
+    )
+
+
+def _near_poses_text(pose_id: TextArray, near: IntArray, lines: IntArray, reach: str) -> str:
+    """Describe poses with different names within the tolerance `reach`; "" for none."""
     named = pd.DataFrame({"name": pose_id, "near": near, "line": lines})
     named = named.drop_duplicates(["name", "near"])
     several = named[named.duplicated("near", keep=False)]

@@ -12,11 +12,11 @@ and what remained after the load was taken off (``after_dx_mm, after_dy_mm, afte
 from __future__ import annotations
 
 import re
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_protocols.contract.types import FloatArray, Robot, TextArray
 
 ID_COLUMNS = ("pose_id", "load_id", "group")
 SIMULATED_GROUP = "simulated"
@@ -117,6 +117,11 @@ def optional_columns(robot: Robot) -> tuple[str, ...]:
     """Return the names of numbers that a file of samples may have, too."""
     approach = (f"approach_q{i + 1}" for i in range(robot.n_joints))
     return (ORDER, *approach, *AFTER_COLUMNS)
+
+
+def is_planned(group: TextArray) -> bool:
+    """Test if all samples are of `bench data plan`, by their (n,) groups."""
+    return bool(np.isin(group, get_args(Criterion)).all())
 
 
 def file_units(robot: Robot) -> FloatArray:

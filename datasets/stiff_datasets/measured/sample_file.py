@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,7 @@ from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.row_checks import (
     FORMULA_HINT,
+    LIMIT_TOLERANCE,
     MAX_NUMBER,
     NO_TORQUE,
     POSITIONS_TEXT,
@@ -26,22 +28,26 @@ from stiff_datasets.measured.row_checks import (
     cell_problem,
     limit_problems,
     linked_rows,
-    near_poses_text,
     number_problems,
+    outside_limits_text,
+    pose_doubts,
     pose_reach,
     problems_error,
     radian_problems,
     row_ranges,
+    shortest_moves,
     table_problems,
     with_missing_columns,
 )
 from stiff_datasets.measured.sample_columns import (
+    AFTER_COLUMNS,
     DECIMALS,
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     LOADED_COLUMNS,
     MAX_CELL_LENGTH,
     MM_PER_M,
+    ORDER,
     TORQUE_COLUMNS,
     UNLOADED_COLUMNS,
     WRENCH_COLUMNS,
@@ -49,9 +55,16 @@ from stiff_datasets.measured.sample_columns import (
     counted,
     file_units,
     joint_columns,
+    optional_columns,
     shortened,
 )
 from stiff_datasets.measured.sheet_files import Sheet, plain_minus, read_sheet, sheet_of
+from stiff_datasets.measured.unloaded_positions import (
+    MAX_MEDIAN,
+    Frame,
+    fit_frame,
+    frame_doubt,
+)
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import (
     BenchmarkData,
@@ -96,7 +109,7 @@ def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> S
     """Read and check a file of measured samples.
 
     Separate `StiffBenchWarning`s name unused columns, the number of poses if the file has no
-    `pose_id`, and poses with two names.
+    `pose_id`, poses with two names, and names of several poses.
 
     Args:
         path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
@@ -148,14 +161,16 @@ def samples_of(
     return _samples(check_sheet(sheet_of(path, table, first_row=0), robot, options), hint)
 
 
-def near_poses(samples: Samples, robot: Robot, tolerance: float = DEFAULTS.pose_tolerance) -> str:
-    """Describe poses of different `pose_id` within a tolerance, deg and mm; "" for none.
+def doubts_of_samples(
+    samples: Samples, robot: Robot, tolerance: float = DEFAULTS.pose_tolerance
+) -> tuple[str, ...]:
+    """Describe poses with two names, and names of several poses, within a tolerance, deg and mm.
 
     Rows are counted from 0.
     """
-    near = linked_rows(samples.q * file_units(robot), tolerance)
-    reach = pose_reach(robot, tolerance)
-    return near_poses_text(samples.pose_id, near, np.arange(len(samples)), reach)
+    q_file = samples.q * file_units(robot)
+    near = linked_rows(q_file, tolerance, robot.turns)
+    return pose_doubts(samples.pose_id, q_file, near, np.arange(len(samples)), robot, tolerance)
 
 
 def _samples(checked: CheckedSamples, hint: str) -> Samples:
@@ -164,8 +179,9 @@ def _samples(checked: CheckedSamples, hint: str) -> Samples:
     if checked.samples is None or checked.problems or checked.unfilled:
         problems = [checked.unfilled] if checked.unfilled else checked.problems
         raise problems_error(path, problems, hint)
-    near = [f"{path}: {checked.near_poses}"] if checked.near_poses else []
-    for oddity in (*checked.sheet.oddities, *near):
+    doubts = (f"{path}: {doubt}" for doubt in checked.pose_doubts)
+    limits = [f"{path}: {checked.outside_limits}"] * bool(checked.outside_limits)
+    for oddity in (*checked.sheet.oddities, *doubts, *limits):
         warn(oddity, stacklevel=3)
     return checked.samples
 
@@ -181,14 +197,19 @@ class CheckedSamples:
             no problems.
         unfilled: the problem of a plan that is not filled in completely; the other attributes
             describe the rows that are filled in.
-        near_poses: poses of different `pose_id` within the tolerance, as text; "" for none.
+        pose_doubts: texts on poses with two names, and on names of several poses.
+        outside_limits: text on joints a little outside their limits; "" for none.
+        positions: (n, 3) of the unloaded TCP, m, NaN where a cell has none; None: the file has
+            none.
     """
 
     sheet: Sheet
     problems: Sequence[Problem]
     samples: Samples | None = None
     unfilled: Problem | None = None
-    near_poses: str = ""
+    pose_doubts: tuple[str, ...] = ()
+    outside_limits: str = ""
+    positions: FloatArray | None = None
 
 
 def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> CheckedSamples:
@@ -201,7 +222,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
             name its poses, rows within the tolerance have the same pose.
     """
     columns = all_columns(robot)
-    sheet, columns = _with_positions(sheet, columns)
+    sheet, columns = _with_positions(sheet, columns, optional_columns(robot), options.register)
     optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if options.no_torque else ()))
     problems = table_problems(sheet, columns, optional, robot)
     if problems:
@@ -213,10 +234,14 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
         return CheckedSamples(sheet, junk, unfilled=unfilled)
     numbers = sheet.numbers(columns)  # positions: deg, and mm of prismatic joints
     q_file, wrench, measured_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
-    near = linked_rows(q_file, options.pose_tolerance)
-    reach = pose_reach(robot, options.pose_tolerance)
-    sheet = _with_names(sheet, near, reach)
-    unreadable = [*junk, *_id_problems(sheet), *number_problems(sheet, columns, numbers)]
+    near = linked_rows(q_file, options.pose_tolerance, robot.turns)
+    sheet = _with_names(sheet, near, pose_reach(robot, options.pose_tolerance))
+    stated = tuple(name for name in optional_columns(robot) if name in sheet.cells)
+    extra = _optional_numbers(sheet, stated)
+    unreadable = [
+        *(*junk, *_id_problems(sheet), *number_problems(sheet, columns, numbers)),
+        *_optional_problems(sheet, stated, extra, robot),
+    ]
     far = [*bound_problems(sheet, WRENCH_COLUMNS, wrench, MAX_NUMBER)]
     if measured_mm.shape[1] > len(DEFLECTION_COLUMNS):
         far.extend(bound_problems(sheet, columns[-6:], measured_mm, MAX_NUMBER))
@@ -225,7 +250,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
         *unreadable,
         *far,
         *radian_problems(q_file, robot),
-        *limit_problems(sheet, q_file, robot),
+        *limit_problems(sheet, q_file, robot, LIMIT_TOLERANCE),
         *_deflection_problems(sheet, deflection_mm, q_file, robot),
         *_pose_problems(sheet, q_file, robot, near),
     ]
@@ -240,21 +265,107 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
         pose_id=pose_id,
         load_id=load_id,
         group=group,
+        **_optional_fields(stated, extra, robot),
     )
-    near_poses = near_poses_text(pose_id, near, sheet.lines, reach)
-    return CheckedSamples(sheet, problems, samples, unfilled, near_poses)
+    positions = None
+    if {*UNLOADED_COLUMNS} <= {*sheet.cells}:
+        positions = sheet.numbers(UNLOADED_COLUMNS) / MM_PER_M
+    if options.register and (positions is None or not problems):
+        frame = _frame(positions, samples.q, robot)
+        if isinstance(frame, Problem):
+            return CheckedSamples(sheet, [frame, *problems], samples, unfilled, positions=positions)
+        assert positions is not None
+        positions = frame.to_base(positions - frame.shift)
+        after = frame.to_base(samples.after) if samples.after.size else samples.after
+        samples = replace(samples, deflection=frame.to_base(samples.deflection), after=after)
+        note = f"positions registered to the base: their frame is {frame.text}; deflections turned"
+        sheet = replace(sheet, notes=(*sheet.notes, note))
+    doubts = pose_doubts(pose_id, q_file, near, sheet.lines, robot, options.pose_tolerance)
+    outside_limits = outside_limits_text(sheet, q_file, robot)
+    return CheckedSamples(sheet, problems, samples, unfilled, doubts, outside_limits, positions)
 
 
-def _with_positions(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, tuple[str, ...]]:
-    """Return the recognised sheet and its columns.
+def _frame(positions: FloatArray | None, q: FloatArray, robot: Robot) -> Frame | Problem:
+    """Return the frame of (n, 3) positions of the unloaded TCP, m, or why there is none."""
+    if positions is None:
+        return Problem("--register: the file has no positions", POSITIONS_TEXT)
+    measured = np.isfinite(positions).all(axis=1)
+    tcp = robot.forward(q[measured]).points[:, -1]
+    if doubt := frame_doubt(positions[measured], tcp):
+        return Problem(f"--register: {doubt}, so that no frame can be told from them", "")
+    frame = fit_frame(positions[measured], tcp)
+    median = float(np.median(frame.distance))
+    if median > MAX_MEDIAN:
+        return Problem(
+            f"--register: in the best frame ({frame.text}) the unloaded positions are "
+            f"{median * MM_PER_M:.3g} mm (median) from the forward kinematics of the joint angles",
+            f"at most {MAX_MEDIAN * MM_PER_M:g} mm; check the joint angles, the TCP and the robot",
+        )
+    return frame
 
-    Loaded and unloaded positions of the TCP may replace `DEFLECTION_COLUMNS`.
+
+def _optional_numbers(sheet: Sheet, stated: tuple[str, ...]) -> FloatArray:
+    """Return the (n, k) numbers of the optional columns; times are seconds after the first."""
+    numbers = sheet.numbers(stated) if stated else np.empty((len(sheet.cells), 0))
+    if ORDER in stated and np.isnan(numbers[:, 0]).all():
+        cells = sheet.cells[ORDER].astype(str)
+        times = pd.to_datetime(cells, format="ISO8601", errors="coerce", utc=True)
+        since = times - times.min()
+        if since.isna().all():  # times of a day
+            since = pd.to_timedelta(cells, errors="coerce")
+        numbers[:, 0] = since.dt.total_seconds()
+    return numbers
+
+
+def _optional_problems(
+    sheet: Sheet, stated: tuple[str, ...], numbers: FloatArray, robot: Robot
+) -> Iterator[Problem]:
+    """Yield invalid cells of the optional columns, and columns that miss their neighbours."""
+    for row, place in np.argwhere(~np.isfinite(numbers)):
+        valid = "a number, or a time such as 2026-11-28T10:15:00"
+        column = stated[place]
+        yield cell_problem(sheet, row, column, valid if column == ORDER else "a number")
+    for row, place in np.argwhere(np.isfinite(numbers) & ~np.isin(numbers, (-1.0, 0.0, 1.0))):
+        if stated[place].startswith("approach_"):
+            yield cell_problem(sheet, row, stated[place], "1, -1 or 0")
+    for group in (optional_columns(robot)[1 : 1 + robot.n_joints], AFTER_COLUMNS):
+        missing = [name for name in group if name not in stated]
+        if missing and len(missing) < len(group):
+            yield Problem(f"header: missing {', '.join(missing)}", ", ".join(group))
+
+
+def _optional_fields(stated: tuple[str, ...], numbers: FloatArray, robot: Robot) -> dict[str, Any]:
+    """Return the fields of `Samples` that the optional columns state."""
+    of_column = dict(zip(stated, numbers.T, strict=True))
+    fields: dict[str, Any] = {}
+    if ORDER in stated:
+        fields["order"] = of_column[ORDER]
+    if "approach_q1" in stated:
+        signs = [of_column[f"approach_q{i + 1}"] for i in range(robot.n_joints)]
+        fields["approach"] = np.column_stack(signs)
+    if AFTER_COLUMNS[0] in stated:
+        fields["after"] = np.column_stack([of_column[name] for name in AFTER_COLUMNS]) / MM_PER_M
+    return fields
+
+
+def _with_positions(
+    sheet: Sheet, columns: tuple[str, ...], optional: tuple[str, ...], register: bool
+) -> tuple[Sheet, tuple[str, ...]]:
+    """Return the sheet with its recognised and `optional` columns, and the recognised ones.
+
+    Loaded and unloaded positions of the TCP may replace `DEFLECTION_COLUMNS`, and do so if they
+    are to be registered (`register`). With deflections, unloaded positions are optional.
     """
     positions = (*UNLOADED_COLUMNS, *LOADED_COLUMNS)
     file_columns = {*sheet.with_standard_columns((*columns, *positions)).cells}
-    if file_columns & {*LOADED_COLUMNS} and not file_columns & {*DEFLECTION_COLUMNS}:
+    has_both = {*positions} <= file_columns
+    if {*UNLOADED_COLUMNS} <= file_columns:
+        optional = (*optional, *UNLOADED_COLUMNS)
+    if (register and has_both) or (
+        file_columns & {*LOADED_COLUMNS} and not file_columns & {*DEFLECTION_COLUMNS}
+    ):
         columns = (*(name for name in columns if name not in DEFLECTION_COLUMNS), *positions)
-    return sheet.with_standard_columns(columns), columns
+    return sheet.with_standard_columns((*columns, *optional)), columns
 
 
 def _deflections(sheet: Sheet, measured_mm: FloatArray) -> tuple[Sheet, FloatArray]:
@@ -453,7 +564,7 @@ def _pose_problems(
     poses, _ = pd.factorize(sheet.cells["pose_id"])
     _, first_rows = np.unique(poses, return_index=True)
     first = first_rows[poses]  # (n,) the first row of each row's pose
-    distance = np.abs(q_file - q_file[first])
+    distance = np.abs(shortest_moves(q_file - q_file[first], robot.turns))
     readable = np.isfinite(distance).all(axis=1)
     for row in np.flatnonzero((near != near[first]) & readable):
         column = joint_columns(robot)[int(np.argmax(distance[row]))]

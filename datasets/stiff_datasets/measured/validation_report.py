@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
@@ -21,6 +21,7 @@ from stiff_datasets.measured.diagnosis import (
     diagnose,
     has_negative_compliance,
     relative_compliance,
+    rms_of_all,
 )
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.mistakes import Reading, compliances, reading
@@ -35,14 +36,26 @@ from stiff_datasets.measured.odd_rows import (
     warning,
 )
 from stiff_datasets.measured.outliers_and_drift import (
+    MAX_LISTED,
     Change,
     find_change,
     find_outliers,
     left_out_rms,
     outlier_findings,
 )
-from stiff_datasets.measured.row_checks import LIMIT_SLACK, NO_TORQUE_HINT, Problem, row_ranges
-from stiff_datasets.measured.sample_columns import MM_PER_M, file_units, joint_columns
+from stiff_datasets.measured.row_checks import (
+    LIMIT_TOLERANCE,
+    NO_TORQUE_HINT,
+    Problem,
+    row_ranges,
+)
+from stiff_datasets.measured.sample_columns import (
+    LOADED_COLUMNS,
+    MM_PER_M,
+    file_units,
+    is_planned,
+    joint_columns,
+)
 from stiff_datasets.measured.sample_file import (
     SMALL_UNITS,
     USUAL_DEFLECTION_MM,
@@ -50,9 +63,10 @@ from stiff_datasets.measured.sample_file import (
     check_sheet,
 )
 from stiff_datasets.measured.sheet_files import read_sheet
+from stiff_datasets.measured.unloaded_positions import Comparison, compare_positions, in_mm
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
-from stiff_protocols.contract.screen import Screen
+from stiff_protocols.contract.screen import Screen, printable
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import Identified, identify, typical_joints
 
@@ -81,7 +95,7 @@ class ValidationReport:
     Attributes:
         path: the file.
         errors: reasons why the file cannot be used, and a mistake that would explain them.
-        warnings: findings to check.
+        warnings: findings to check, and notes.
         facts: content of the file.
     """
 
@@ -92,10 +106,11 @@ class ValidationReport:
 
     @property
     def verdict(self) -> Literal["ok", "suspicious", "invalid"]:
-        """Verdict: unusable with errors, suspicious with warnings, else ok."""
+        """Verdict: unusable with errors, suspicious with warnings to check, else ok."""
         if self.errors:
             return "invalid"
-        return "suspicious" if self.warnings else "ok"
+        is_suspicious = any(finding.level == "warning" for finding in self.warnings)
+        return "suspicious" if is_suspicious else "ok"
 
     def __repr__(self) -> str:
         """Return the report as plain text; the first line is the verdict."""
@@ -105,7 +120,7 @@ class ValidationReport:
             *_section("Warnings", self.warnings),
             *_section("Facts", self.facts),
         ]
-        return "\n".join(lines)
+        return printable("\n".join(lines))
 
     def _repr_html_(self) -> str:
         problems = (*self.errors, *self.warnings)
@@ -114,15 +129,16 @@ class ValidationReport:
         return Screen(_verdict(self), [*texts, *facts]).html()
 
 
-LeftOutErrors = Callable[[Samples, Robot], FloatArray]
-"""Returns (n, 3) errors [m] of a better model than linear springs at samples left out; or NaN."""
+IdentifyParts = Callable[[Samples, Robot], tuple[FloatArray, Mapping[str, str]]]
+"""Returns (n, 3) errors [m] of a better model than linear springs at samples left out, or NaN, and
+facts on the parts of robot and rig that it identified."""
 
 
 def validate(
     path: Path,
     robot: Robot,
     options: FileOptions = DEFAULTS,
-    left_out_errors: LeftOutErrors | None = None,
+    identify_parts: IdentifyParts | None = None,
 ) -> ValidationReport:
     """Check a file of measured samples.
 
@@ -131,8 +147,8 @@ def validate(
         robot: the measured robot.
         options: options of the file. A data card FILE.md next to it may also state that no torques
             were measured.
-        left_out_errors: errors of springs with curves, for facts; None: no such facts. It is called
-            for 10 poses or more and at most 200 samples.
+        identify_parts: errors of a model of many parts, and facts on them; None: no such facts. It
+            is called for 10 poses or more and at most 200 samples.
 
     Raises:
         ConfigError: the file does not have the sheet, or has several with tables and none is named.
@@ -150,19 +166,28 @@ def validate(
     if samples is None and not errors:
         errors, unfilled = [replace(finding, level="error") for finding in unfilled], []
     if samples is None or errors:
-        if message := _likely_cause(checked, robot):
-            errors.append(Finding("error", message))
+        geometry = _geometry(checked, robot)
+        causes = [geometry.text] if geometry and geometry.text else []
+        if not (geometry and geometry.is_undone):  # positions show more than springs
+            causes.append(_likely_cause(checked, robot))
+        errors.extend(Finding("error", message) for message in filter(None, causes))
         return ValidationReport(path, tuple(errors), tuple(unfilled))
-    data = reading(robot, samples.q, samples.wrench, samples.deflection)
-    no_torque = options.no_torque or card.no_torque
+    corrected, arm, geometry = samples, robot, _geometry(checked, robot)
+    if geometry:
+        arm, deflection = geometry.robot, samples.deflection
+        deflection = geometry.frame.to_base(deflection) if geometry.frame else deflection
+        corrected = replace(samples, q=geometry.q, deflection=deflection)
+    data = reading(arm, corrected.q, corrected.wrench, corrected.deflection)
+    planned = is_planned(samples.group)  # with suggested forces at the TCP
+    no_torque = options.no_torque or card.no_torque or planned
     torques_missing = not no_torque and not data.torque.any()
-    diagnosis = diagnose(samples, robot, may_fit=not torques_missing)
-    change = _likely_change(data, lines, diagnosis)
+    diagnosis = diagnose(corrected, arm, may_fit=not torques_missing)
+    change = _likely_change(data, lines, samples.order, diagnosis)
     if change:
-        deflection = samples.deflection - change.offset
+        deflection = corrected.deflection - change.offset
         data = replace(data, deflection=deflection)
-        undone = replace(samples, deflection=deflection)
-        diagnosis = diagnose(undone, robot, may_fit=not torques_missing)
+        undone = replace(corrected, deflection=deflection)
+        diagnosis = diagnose(undone, arm, may_fit=not torques_missing)
     if torques_missing and not _is_poorly_explained(diagnosis.given):
         diagnosis = Diagnosis(diagnosis.given)  # the missing torques are the mistake
     pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
@@ -174,22 +199,76 @@ def validate(
         *([fact("columns not used", unused)] if unused else []),
         *external_axis_findings(sheet, checked.sheet.unused, robot, lines),
         *_content_findings(samples, robot, no_torque),
-        *([warning(robot.mass_doubt)] if robot.mass_doubt else []),
+        *map(warning, filter(None, (robot.mass_doubt, robot.limit_doubt))),
         *([fact("instrument noise", noise)] if card.instrument_noise else []),
-        *duplicate_findings(samples, checked.near_poses, lines),
+        *([Finding("note", checked.outside_limits)] if checked.outside_limits else []),
+        *duplicate_findings(samples, robot, checked.pose_doubts, lines),
         *range_findings(samples, lines),
         *repeat_findings(samples, robot, lines),
+        *(_position_findings(geometry, lines) if geometry else []),
         *([warning(change.text, change.rows)] if change else []),
-        *(_spring_findings(data, pose, diagnosis, lines) if data.regressor().any() else ()),
+        *(
+            _spring_findings(data, pose, diagnosis, lines, planned)
+            if data.regressor().any()
+            else ()
+        ),
     ]
     is_affordable = MIN_CURVE_POSES <= len(np.unique(pose)) and len(pose) <= MAX_CURVE_SAMPLES
-    if left_out_errors and is_affordable and not diagnosis.best and data.regressor().any():
-        findings.extend(_curve_facts(samples, left_out_errors(samples, robot), lines))
+    if identify_parts and is_affordable and not diagnosis.best and data.regressor().any():
+        left_out_errors, parts = identify_parts(corrected, arm)
+        findings.extend(_curve_facts(corrected, left_out_errors, lines))
+        findings.extend(fact(name, text) for name, text in parts.items())
     warnings, facts = (
-        tuple(finding for finding in findings if finding.level == level)
-        for level in ("warning", "fact")
+        tuple(finding for finding in findings if finding.level in levels)
+        for levels in (("warning", "note"), ("fact",))
     )
     return ValidationReport(path, warnings=warnings, facts=facts)
+
+
+def _geometry(checked: CheckedSamples, robot: Robot) -> Comparison | None:
+    """Compare unloaded positions with forward kinematics; None: the file has none."""
+    if checked.samples is None or checked.positions is None:
+        return None
+    samples = checked.samples
+    comparison = compare_positions(checked.positions, samples.q, robot)
+    if comparison.frame and LOADED_COLUMNS[0] not in checked.sheet.cells:
+        # deflections of their own may have the base's axes
+        turned = comparison.frame.to_base(samples.deflection)
+        arm = comparison.robot, comparison.q, samples.wrench
+        given_rms, turned_rms = (
+            rms_of_all(reading(*arm, deflection)) for deflection in (samples.deflection, turned)
+        )
+        if given_rms < turned_rms:
+            text = comparison.text.partition("; --register")[0]
+            text += "; the deflections look as if they had the base's axes already"
+            comparison = replace(comparison, frame=None, text=text)
+    return comparison if len(comparison.measured) else None
+
+
+def _position_findings(geometry: Comparison, lines: IntArray) -> Iterator[Finding]:
+    """State how far unloaded positions are from forward kinematics, and the rows that are far."""
+    distance = geometry.distance
+    if geometry.text:
+        yield warning(f"{geometry.text} (undone below)" if geometry.is_undone else geometry.text)
+    shift = ", ".join(f"{length:.4g}" for length in geometry.shift.round(5) + 0.0)
+    shifted = f", in a frame shifted by ({shift}) m, which changes no deflection"
+    yield fact(
+        "unloaded positions",
+        f"{in_mm(np.median(distance))} (median) from forward kinematics, at most "
+        f"{in_mm(distance.max())}{shifted if geometry.shift.any() else ''}",
+    )
+    is_far = np.isin(geometry.measured, geometry.far_rows)
+    if is_far.any() and (geometry.is_undone or not geometry.text):
+        far = np.flatnonzero(is_far)[np.argsort(-distance[is_far])]
+        listed = ", ".join(
+            f"row {lines[geometry.measured[i]]} by {in_mm(distance[i])}" for i in far[:MAX_LISTED]
+        )
+        more = f", and {len(far) - MAX_LISTED} more rows" if len(far) > MAX_LISTED else ""
+        yield warning(
+            f"unloaded positions far from the forward kinematics of the joint angles: {listed}"
+            f"{more}",
+            lines[geometry.far_rows],
+        )
 
 
 def _likely_cause(checked: CheckedSamples, robot: Robot) -> str:
@@ -198,7 +277,7 @@ def _likely_cause(checked: CheckedSamples, robot: Robot) -> str:
     if samples is None:
         return ""
     beyond = np.maximum(robot.lower - samples.q, samples.q - robot.upper) * file_units(robot)
-    joints_only = bool((beyond > LIMIT_SLACK).any())
+    joints_only = bool((beyond > LIMIT_TOLERANCE).any())
     diagnosis = diagnose(samples, robot, joints_only=joints_only)
     if diagnosis.best:
         return _mistake_text(diagnosis)
@@ -211,11 +290,21 @@ def _likely_cause(checked: CheckedSamples, robot: Robot) -> str:
     return _unit_message(data, compliances(data))
 
 
-def _likely_change(data: Reading, lines: IntArray, diagnosis: Diagnosis) -> Change | None:
-    """Find a drift or a jump that explains more than the diagnosed mistake."""
+def _likely_change(
+    data: Reading, lines: IntArray, order: FloatArray, diagnosis: Diagnosis
+) -> Change | None:
+    """Find a drift or a jump that explains more than the diagnosed mistake.
+
+    It is sought in the (n,) `order` that the file states, else in the order of its rows.
+    """
     if not data.regressor().any():
         return None
-    change = find_change(data, lines, find_outliers(data).odd)
+    rows = np.argsort(order, kind="stable") if order.size else np.arange(len(lines))
+    change = find_change(data.take(rows), lines[rows], find_outliers(data).odd[rows])
+    if change:
+        offset = np.empty_like(change.offset)
+        offset[rows] = change.offset
+        change = replace(change, offset=offset)
     if change and diagnosis.best:
         undone = diagnosis.best.reading
         return change if change.rms < left_out_rms(undone, find_outliers(undone).odd) else None
@@ -261,6 +350,9 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
                 f"{NO_TORQUE_HINT}"
             )
     yield fact("deflection", f"{_range_text(samples.deflection * MM_PER_M)} mm")
+    if samples.after.size:
+        stays = np.linalg.norm(samples.after, axis=1) * MM_PER_M
+        yield fact("after the load", f"{stays.mean():.3g} mm stay, at most {stays.max():.3g} mm")
     units, q = file_units(robot), samples.q * file_units(robot)
     for i, column in enumerate(joint_columns(robot)):
         unit = column.rpartition("_")[2]
@@ -277,9 +369,12 @@ def _identified(data: Reading, pose: IntArray) -> Identified:
 
 
 def _spring_findings(
-    data: Reading, pose: IntArray, diagnosis: Diagnosis, lines: IntArray
+    data: Reading, pose: IntArray, diagnosis: Diagnosis, lines: IntArray, planned: bool
 ) -> Iterator[Finding]:
-    """Compare the data with joint springs: mistakes, stiffnesses, outliers."""
+    """Compare the data with joint springs: mistakes, stiffnesses, outliers.
+
+    What planned poses cannot tell is a note.
+    """
     given, best = diagnosis.given, diagnosis.best
     if best:
         yield warning(_mistake_text(diagnosis))
@@ -320,10 +415,11 @@ def _spring_findings(
         is_rigid = has_negative_compliance(usual_data) & (compliances(usual_data) == 0.0)
         vague_joints = [*compress(names, ~identified.is_identified & ~is_rigid)]
         if vague_joints:
-            yield warning(
+            yield Finding(
+                "note" if planned else "warning",
                 f"the stiffness of joint{'s' * (len(vague_joints) > 1)} {', '.join(vague_joints)} "
                 "cannot be identified: the samples do not distinguish it from noise or "
-                "another joint; models use the prior's"
+                "another joint; models use the prior's",
             )
         if is_rigid.any():
             yield warning(f"infinite or negative stiffness: {', '.join(compress(names, is_rigid))}")
@@ -344,7 +440,8 @@ def _curve_facts(samples: Samples, errors: FloatArray, lines: IntArray) -> list[
     return [
         fact(
             "springs with curves",
-            f"{explained:.1%} explained, cross-validated (gp-springs); residual {rms:.3g} mm RMS",
+            f"{explained:.1%} explained, cross-validated (bayes-springs); residual {rms:.3g} mm "
+            "RMS",
         ),
         fact("their largest residuals", _largest_residuals(errors, lines)),
     ]
@@ -366,9 +463,10 @@ def _is_poorly_explained(given: Fit) -> bool:
 
 
 def _mistake_text(diagnosis: Diagnosis) -> str:
-    given, best = diagnosis.given, diagnosis.best
-    assert best
+    given, best = diagnosis.compared, diagnosis.best
+    assert given and best
     more = f"; as well: {'; '.join(diagnosis.ties[:MAX_TIES_SHOWN])}" if diagnosis.ties else ""
+    more += "" if given is diagnosis.given else ", by springs about all axes"
     return (
         f"{best.text}: explained {given.explained:.1%} -> {best.explained:.1%}, residual "
         f"{given.rms * MM_PER_M:.3g} -> {best.rms * MM_PER_M:.3g} mm RMS{more}"

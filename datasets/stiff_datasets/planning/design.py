@@ -13,17 +13,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
 from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, TOLERANCE
 from stiff_datasets.measured.load_file import Loads
+from stiff_datasets.measured.sample_columns import Criterion
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.types import FloatArray, IntArray
-
-Criterion = Literal["d-optimal", "i-optimal"]
 
 _BLOCK = 256
 """Number of candidates whose variances are computed together."""

@@ -27,15 +27,12 @@ from stiff_datasets.measured.sample_columns import (
 from stiff_datasets.measured.sheet_files import write_table
 from stiff_datasets.planning.design import Design
 from stiff_datasets.planning.loads import stream
-from stiff_datasets.planning.poses import Poses, paper_poses
-from stiff_datasets.planning.reachable import CLEARANCE, LOWEST_HEIGHT, keeps_clear, reachable_poses
+from stiff_datasets.planning.poses import Poses
+from stiff_datasets.planning.reachable import CLEARANCE, LIMIT_MARGINS, reachable_poses
 from stiff_protocols.contract.errors import ConfigError, unsupported_extension
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples, TextArray
-
-PAPER_ROBOT = "kr10_r1100_2"
-"""Robot of the source paper's 151 poses."""
 
 FORCE_SHARE = 0.8
 """Suggested force as a share of the payload's weight, which includes tool and sensor."""
@@ -55,30 +52,6 @@ class MeasurementPlan(Poses, Loads):
         return MeasurementPlan(*(getattr(self, column.name)[rows] for column in fields(self)))
 
 
-def paper_plan(
-    robot: Robot, payload_kg: float, seed: int, clearance: float = CLEARANCE
-) -> MeasurementPlan:
-    """Return the paper's 151 poses, each with one force in a random direction.
-
-    Raises:
-        ConfigError: the robot is another one, an argument is out of range, or a pose violates the
-            clearances (with a tool much longer than the default one).
-        DataError: the TCP cannot reach the paper's grid.
-    """
-    if robot.name != PAPER_ROBOT:
-        raise ConfigError(f"the paper's plan is for {PAPER_ROBOT}, not for {robot.name}")
-    poses = paper_poses(robot)
-    free = keeps_clear(robot, poses.q, clearance)
-    if not free.all():
-        names = ", ".join(poses.pose_id[~free][:5].tolist())
-        raise ConfigError(
-            f"{(~free).sum()} of the paper's poses ({names}, ...) do not keep a clearance of "
-            f"{clearance:g} m to the base and {LOWEST_HEIGHT:g} m to the mounting plane with the "
-            "TCP given; give a number of poses to choose, or a smaller clearance"
-        )
-    return MeasurementPlan(**vars(poses), wrench=_forces(len(poses.q), payload_kg, seed))
-
-
 def candidate_plan(
     robot: Robot,
     candidates: int,
@@ -87,13 +60,16 @@ def candidate_plan(
     payload_kg: float,
     clearance: float = CLEARANCE,
 ) -> MeasurementPlan:
-    """Return random poses, each with a force in a random direction; arguments as `chosen_plan`.
+    """Return random poses, each with a force in a random direction.
+
+    Joints keep `LIMIT_MARGINS` from their limits.
 
     Raises:
         ConfigError: an argument is out of range, or too few random poses keep the clearances.
     """
     wrench = _forces(candidates, payload_kg, seed)
-    q = reachable_poses(robot, candidates, stream("plan poses", robot.name, seed), clearance)
+    rng = stream("plan poses", robot.name, seed)
+    q = reachable_poses(robot, candidates, rng, clearance, margins=LIMIT_MARGINS)
     width = len(str(candidates))
     names = np.array([f"R{i + 1:0{width}d}" for i in range(candidates)])
     return MeasurementPlan(q, wrench, names, np.full(candidates, "random"))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stiff_datasets.measured.identifiability import REFERENCE_COMPLIANCE, identifiability
+from stiff_datasets.measured.identifiability import identifiability
 from stiff_datasets.planning.design import Design
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray
@@ -78,7 +78,6 @@ def plan_gain(
     candidates: FloatArray,
     joint_names: Sequence[str],
     *,
-    reference_compliance: float | FloatArray = REFERENCE_COMPLIANCE,
     seed: int = 0,
 ) -> PlanGain:
     """Compare a plan with random plans of its size.
@@ -87,7 +86,6 @@ def plan_gain(
         plan: (n, 3, n_joints) regressors of the plan.
         candidates: (n_candidates, 3, n_joints) regressors of the candidates for random plans.
         joint_names: base to tip.
-        reference_compliance: see `identifiability`.
         seed: draws the random plans.
 
     Raises:
@@ -97,12 +95,9 @@ def plan_gain(
     unidentifiable = identifiability(candidates, joint_names).unidentifiable
     compared = [i for i, name in enumerate(joint_names) if name not in unidentifiable]
     names = tuple(joint_names[i] for i in compared)
-    reference = np.broadcast_to(reference_compliance, len(joint_names))[compared]
 
     def criteria(samples: FloatArray) -> Criteria:
-        information = identifiability(
-            samples[:, :, compared], names, reference_compliance=reference
-        )
+        information = identifiability(samples[:, :, compared], names)
         return Criteria(
             information.log_det,
             information.condition,

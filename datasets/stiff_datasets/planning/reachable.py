@@ -26,6 +26,12 @@ LOWEST_HEIGHT = 0.15
 """m above the mounting plane (z = 0 of the base frame), for the arm's centre line: half the
 thickness of forearm and tool. The paper's 151 poses have at least 0.20 m."""
 
+LIMIT_MARGINS = np.deg2rad(2.0), 0.01
+"""rad and m, distance of planned positions from the limits of revolute and prismatic joints: a
+controller stops before its limit, and its readings scatter."""
+MAX_MARGIN_SHARE = 0.1
+"""Largest margin at each limit, as a share of the joint's range."""
+
 DRAWS_PER_CANDIDATE = 50
 """Largest number of random poses per requested candidate."""
 
@@ -36,6 +42,8 @@ def reachable_poses(
     rng: np.random.Generator,
     clearance: float = CLEARANCE,
     at_zero: Sequence[int] = (),
+    *,
+    margins: tuple[float, float] = (0.0, 0.0),
 ) -> FloatArray:
     """Return (n, n_joints) random poses inside limits and clearances, rad or m.
 
@@ -49,13 +57,15 @@ def reachable_poses(
         rng: draws the poses.
         clearance: smallest distance of the arm from the base column, m.
         at_zero: columns of joints that stay at zero.
+        margins: smallest distances from the limits of revolute [rad] and prismatic joints [m];
+            less for joints of a small range (`MAX_MARGIN_SHARE`).
 
     Raises:
         ConfigError: `clearance` is out of range, or too few random poses have the clearances.
     """
     if not (np.isfinite(clearance) and clearance >= 0.0):
         raise ConfigError(f"clearance is {clearance:g}, expected m, 0 or more")
-    lower, upper = _joint_ranges(robot)
+    lower, upper = _joint_ranges(robot, margins)
     poses = np.empty((0, len(lower)))
     for _ in range(DRAWS_PER_CANDIDATE):
         q = rng.uniform(lower, upper, size=(n, len(lower)))
@@ -125,11 +135,13 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray((a * b).sum(axis=-1))
 
 
-def _joint_ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
+def _joint_ranges(robot: Robot, margins: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """Return the (n_joints,) lower and upper ends of the joint ranges to draw from."""
     endless = np.isinf(robot.lower)  # a continuous joint
-    lower = np.where(endless, -np.pi, robot.lower)
-    upper = np.where(endless, np.pi, robot.upper)
+    share = MAX_MARGIN_SHARE * (robot.upper - robot.lower)
+    margin = np.minimum(np.where(robot.turns, *margins), share)
+    lower = np.where(endless, -np.pi, robot.lower + margin)
+    upper = np.where(endless, np.pi, robot.upper - margin)
     middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
     wide = robot.turns & (half > np.pi)
     return np.where(wide, middle - np.pi, lower), np.where(wide, middle + np.pi, upper)

@@ -31,6 +31,7 @@ import pinocchio as pin
 
 from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name, warn
+from stiff_protocols.contract.robot import UNLIMITED_RAD
 from stiff_protocols.contract.types import FloatArray, JointType, Robot
 
 LONGEST_TCP_M = 5.0
@@ -99,7 +100,7 @@ def read_chain(
     Raises:
         ConfigError: no link has the name `tip`.
         DataError: the file is not a URDF, a joint of the chain is neither revolute nor prismatic or
-            mimics another joint, or limits are reversed.
+            mimics another joint, or limits are reversed or in degrees.
     """
     tree, followers, controller = _parse(urdf)
     frame, notes = _chosen_tip(tree, followers, urdf, tip)
@@ -133,10 +134,11 @@ def read_chain(
         for name, low, joint in zip(robot.joint_names, robot.lower, model.joints[1:], strict=True)
         if joint.nq == 1 and np.isinf(low)
     ]
-    if robot.mass_doubt:
-        warn(f"{urdf}: {robot.mass_doubt}")
+    for doubt in filter(None, (robot.mass_doubt, robot.limit_doubt)):
+        warn(f"{urdf}: {doubt}")
     notes += [lock_note] if lock_note else []
-    notes += [f"limits 0..0 count as none: {_listed(unlimited)}"] if unlimited else []
+    zero_text = f"limits 0..0, and beyond +-{UNLIMITED_RAD:g} rad, count as none"
+    notes += [f"{zero_text}: {_listed(unlimited)}"] if unlimited else []
     return ChainModel(model, robot, tuple(f"{urdf.name}: {note}" for note in notes))
 
 
@@ -150,7 +152,7 @@ def read_robot(
 def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
     """Return a chain without Pinocchio; `tcp` (3,) m in the frame of the flange.
 
-    Exporters write 0..0 as limits of a revolute joint without limits.
+    Exporters write 0..0, or very large numbers, as limits of a revolute joint without limits.
 
     Raises:
         DataError: joints, limits or numbers are invalid; Pinocchio also accepts NaN.
@@ -160,7 +162,8 @@ def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
         name, (kind, axis) = model.names[joint], joint_type_and_axis(model, joint)
         entry = model.joints[joint].idx_q
         low, high = model.lowerPositionLimit[entry], model.upperPositionLimit[entry]
-        if model.joints[joint].nq == 2 or (low == high == 0.0 and kind == "revolute"):
+        is_unlimited = low == high == 0.0 or low <= -UNLIMITED_RAD < UNLIMITED_RAD <= high
+        if model.joints[joint].nq == 2 or (is_unlimited and kind == "revolute"):
             low, high = -np.inf, np.inf
         if not low < high:
             raise DataError(
@@ -483,14 +486,15 @@ def _finger_notes(tree: pin.Model, path: Sequence[int]) -> list[str]:
     """Return a note if the last joint of the chain `path` slides as shortly as a finger."""
     joint = path[-1]
     entry = tree.joints[joint].idx_q
-    travel = tree.upperPositionLimit[entry] - tree.lowerPositionLimit[entry]
-    if len(path) < 2 or not _slides(tree, joint) or not 0.0 < travel <= LONGEST_FINGER_TRAVEL_M:
+    low, high = tree.lowerPositionLimit[entry], tree.upperPositionLimit[entry]
+    is_short = low < high <= low + LONGEST_FINGER_TRAVEL_M
+    if len(path) < 2 or not _slides(tree, joint) or not is_short:
         return []
     frame = tree.frames[tree.getFrameId(tree.names[joint], pin.FrameType.JOINT)]
     before = tree.frames[frame.parentFrame].name
     return [
-        f"the last joint {tree.names[joint]!r} slides only {1000.0 * travel:.3g} mm, as a gripper "
-        f"does; --tip {shlex.quote(before)} leaves it out"
+        f"the last joint {tree.names[joint]!r} slides only {1000.0 * (high - low):.3g} mm, as a "
+        f"gripper does; --tip {shlex.quote(before)} leaves it out"
     ]
 
 

@@ -51,7 +51,6 @@ If the samples determine the point, it changes nothing; else the point stays nea
 ROUNDS = 3
 """Number of searches, each with the residual noise of the previous search."""
 STEP = 1e-5  # m, of the differences
-CURVATURE_STEP = 1e-3  # m, of second differences
 CONVERGED = 1e-7  # relative
 INTERVAL = 0.9
 
@@ -160,33 +159,9 @@ def fitted_geometry(
         noise = problem.noise(offset)
         offset = problem.searched(offset, noise, sigma)
     covariance = problem.covariance(offset, problem.noise(offset), sigma)
-    return geometry_at(robot, offset, covariance, moves)
-
-
-def geometry_at(robot: Robot, offset: FloatArray, covariance: FloatArray, moves: Moves) -> Geometry:
-    """Return the geometry with the point moved by (3,) `offset`, last joint's frame, m."""
     if moves == "force":
         return Geometry(robot, offset, covariance, robot.tcp)
     return Geometry(replace(robot, tcp=robot.tcp + offset), np.zeros(3), covariance, robot.tcp)
-
-
-def inverse_curvature(
-    loss: Callable[[FloatArray], float], offset: FloatArray, sigma: float
-) -> FloatArray:
-    """Return the (3, 3) inverse of a loss's second derivatives at (3,) `offset`, m^2.
-
-    For a negative log-probability it is the covariance of the offset, to first order. No standard
-    deviation is larger than the prior's `sigma` [m].
-    """
-    steps = CURVATURE_STEP * np.eye(3)
-    curvature = np.empty((3, 3))
-    for i, first in enumerate(steps):
-        for j, second in enumerate(steps[: i + 1]):
-            ends = loss(offset + first + second) + loss(offset - first - second)
-            ends -= loss(offset + first - second) + loss(offset - first + second)
-            curvature[i, j] = curvature[j, i] = ends / (2.0 * CURVATURE_STEP) ** 2
-    precision, axes = np.linalg.eigh(curvature)
-    return np.asarray(axes / np.maximum(precision, sigma**-2) @ axes.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,14 +327,11 @@ class GeometryModel(FittedModel):
         self.geometry_ = None
         if not self.fits_point:
             return train, robot
-        self.geometry_ = self._linear_geometry(train, robot, twists_of(robot, train.q), regressor)
+        twists = twists_of(robot, train.q)
+        self.geometry_ = fitted_geometry(
+            train, robot, twists, regressor, moves=self.moves, sigma=self.sigma
+        )
         return self.geometry_.samples_at_tcp(train), self.geometry_.robot
-
-    def _linear_geometry(
-        self, train: Samples, robot: Robot, twists: FloatArray, regressor: Regressor
-    ) -> Geometry:
-        """Return the geometry by the options, for a model linear in its compliances."""
-        return fitted_geometry(train, robot, twists, regressor, moves=self.moves, sigma=self.sigma)
 
     def _geometry_report(self) -> dict[str, float]:
         return self.geometry_.report() if self.geometry_ else {}

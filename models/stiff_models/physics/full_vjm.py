@@ -142,23 +142,19 @@ def spring_regressor(
     return unit_deflections(spring_twists(robot, q, springs), wrench)
 
 
-def spring_twists(robot: Robot, q: FloatArray, springs: Literal[1, 3, 6]) -> FloatArray:
+def spring_twists(robot: Robot, q: FloatArray, springs: Springs) -> FloatArray:
     """Return the (n, 6, n_joints * springs) twists of the TCP by a unit motion of each spring.
 
-    Arguments are the same as for `spring_regressor`; 1 spring per joint is the joint itself.
+    Arguments are the same as for `spring_regressor`.
     """
     joint, axis = np.divmod(spring_columns(robot, springs), 6)
     return robot.virtual_jacobian(q)[:, :, joint, axis]
 
 
-def spring_columns(robot: Robot, springs: Literal[1, 3, 6]) -> list[int]:
-    """Return the columns with springs among `virtual_jacobian`'s six per joint.
-
-    1 spring per joint is the joint itself.
-    """
-    kinds = {1: range(2, 3), 3: range(3), 6: range(6)}[springs]
+def spring_columns(robot: Robot, springs: Springs) -> list[int]:
+    """Return the columns with springs among `virtual_jacobian`'s six per joint."""
     first = [3 if kind == "prismatic" and springs < 6 else 0 for kind in robot.joint_types]
-    return [6 * joint + start + k for joint, start in enumerate(first) for k in kinds]
+    return [6 * joint + start + k for joint, start in enumerate(first) for k in range(springs)]
 
 
 def ridge(scaled: FloatArray, target: FloatArray) -> FloatArray:

@@ -26,6 +26,7 @@ from stiff_models.pose_folds import FOLDS, folds_of_poses
 from stiff_models.regressors.arm_loads import ArmLoads, Rig, Sizes, friction_blocks, wrench_blocks
 from stiff_models.regressors.calibrated_process import FEWEST_POSES, TRACKER_NOISE
 from stiff_models.regressors.group_scales import LEAST, MOST, GroupedModel, Posterior, joined
+from stiff_models.regressors.joint_curves import joint_curves
 from stiff_models.regressors.spring_groups import (
     GROUP_NAMES,
     GROUPS,
@@ -42,8 +43,6 @@ ROUNDS, REWEIGHTINGS = 3, 2
 """Rounds of Gauss-Newton, the first without the searched groups; reweightings in the others."""
 STEPS, FOLD_STEPS = 60, 20
 """Most steps of a search for scales, and of the search of a fold, which continues from it."""
-FREEDOM, MOST_WEIGHT = 4.0, 1.3
-"""Of Student's t distribution, and of the weight of a sample."""
 FRICTION_WIDTHS, FRICTION_SCALE, WRENCH_SCALE = (0.05, 0.2, 0.8), 0.1, 0.5
 """Of the errors by friction (shares of the largest torque, typical scale) and by the wrench."""
 ERRORS = (*(f"friction {width}" for width in FRICTION_WIDTHS), "wrench", "noise")
@@ -76,7 +75,11 @@ class BayesSprings(NormalModel, GeometryModel):
         root_: (p, k) matrix whose product with its transpose is their covariance.
         errors_: scales of the errors: three of friction, wrench, and independent ones [m].
         error_variance_: (3,) mean variance of the training readings' errors, m^2.
-        diagnostics_: contribution of each group, weights, force point, noise, and geometry.
+        fold_errors_: (n, 3) errors [m] of the training readings by fits without their poses;
+            NaN with few poses.
+        curves_, springs_: turns and stiffnesses of the joints; see `joint_curves`.
+        diagnostics_: report of `springs_`, contribution of each group, weights, force point, noise,
+            and geometry.
     """
 
     groups: str = "all"
@@ -132,7 +135,7 @@ class BayesSprings(NormalModel, GeometryModel):
                 scales = dict(zip(keys, best_scales.tolist(), strict=True))
                 posterior = model.posterior(readings, best_scales)
                 if number:
-                    weights = _student_weights(posterior, float(best_scales[-1]), weights)
+                    weights = posterior.student_weights(float(best_scales[-1]), weights)
             for place, group in enumerate(groups):
                 means[group] = posterior.mean[model.group_of == place]
                 if group.is_searched:
@@ -142,7 +145,11 @@ class BayesSprings(NormalModel, GeometryModel):
         self.file_variance_ = self._file_variance(groups, model, posterior)
         self._calibrate(model, readings, best_scales, posterior, train, seed)
         self.error_variance_ = model.error_variance(best_scales).mean(axis=0)
+        loads = ArmLoads.of(robot, train.q, train.wrench, self.rig_)
+        fitted = (self._linear, self.coefficients_, self.root_)
+        self.curves_, self.springs_ = joint_curves(robot, loads, self.sizes_, *fitted)
         self.diagnostics_ = {
+            **self.springs_.report(),
             **self._report(robot, groups, model, posterior),
             **self._geometry_report(),
         }
@@ -217,17 +224,19 @@ class BayesSprings(NormalModel, GeometryModel):
         the fits is added (jackknife), because the scales are uncertain.
         """
         count, self.calibration_ = len(self.coefficients_), 1.0
-        roots, means, errors = [posterior.root[:count]], [], []
+        roots, means, shares = [posterior.root[:count]], [], []
+        self.fold_errors_ = np.full(readings.shape, np.nan)
         if len(np.unique(train.pose_id)) >= FEWEST_POSES:
             for rows, left_out in folds_of_poses(train, seed):
                 part, tested = model.take(rows), model.take(left_out)
                 best_scales = part.searched(readings[rows], scales, FOLD_STEPS)
                 of_part = part.posterior(readings[rows], best_scales)
                 error = tested.columns @ of_part.mean - readings[left_out]
+                self.fold_errors_[left_out] = error
                 variance = ((tested.columns @ of_part.root) ** 2).sum(axis=2)
-                errors.append(error / np.sqrt(variance + tested.error_variance(best_scales)))
+                shares.append(error / np.sqrt(variance + tested.error_variance(best_scales)))
                 means.append(of_part.mean[:count])
-            sizes = np.abs(np.concatenate(errors))
+            sizes = np.abs(np.concatenate(shares))
             self.calibration_ = float(np.quantile(sizes, TAIL)) / NORMAL_TAIL
             scatter = np.array(means) - np.mean(means, axis=0)
             roots = [self.calibration_ * roots[0], math.sqrt((FOLDS - 1.0) / FOLDS) * scatter.T]
@@ -328,6 +337,7 @@ class BayesSprings(NormalModel, GeometryModel):
                 numbers[f"{CONTRIBUTION} {name} [mm]"] = 0.0
                 continue
             ends = np.quantile(sizes[1:], [0.5 - TAIL / 2.0, 0.5 + TAIL / 2.0])
+            ends[0] = min(ends[0], sizes[0])  # scatter makes a length longer
             numbers |= number_with_interval(f"{CONTRIBUTION} {name}", "mm", sizes[0], ends)
         rig = self.rig_
         for joint, factor in zip(robot.joint_names, rig.weight_factor, strict=True):
@@ -335,15 +345,3 @@ class BayesSprings(NormalModel, GeometryModel):
         for axis, value in zip("xyz", rig.force_point, strict=True):
             numbers[f"force point from the TCP, {axis} [mm]"] = 1e3 * float(value)
         return numbers | {"noise [mm]": 1e3 * float(self.errors_[-1])}
-
-
-def _student_weights(posterior: Posterior, noise: float, weights: FloatArray) -> FloatArray:
-    """Return the next (n,) weights of samples, as Student's t distribution gives them.
-
-    `noise` is the standard deviation of an independent error [m], `weights` are the current ones.
-    """
-    variance = (noise**2 / weights)[:, None]
-    error = variance * posterior.weighted
-    squares = error**2 + variance - variance**2 * posterior.precision
-    total = squares.sum(axis=1) / noise**2
-    return np.asarray(np.minimum((FREEDOM + 3.0) / (FREEDOM + total), MOST_WEIGHT))

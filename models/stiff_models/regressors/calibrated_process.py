@@ -13,7 +13,7 @@ from annotated_types import Gt
 from sklearn.base import clone
 
 from stiff_models.fitted_model import NormalModel
-from stiff_models.pose_folds import folds_of_poses
+from stiff_models.pose_folds import left_out_fifths
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 
@@ -41,8 +41,6 @@ class CalibratedProcess(NormalModel):
             are included.
         instrument_noise_: used value, m.
         calibration_: (3,) factors on the standard deviations of each axis.
-        left_out_errors_at_: (n, 3) error [m] at each training sample of the fit without it; NaN if
-            there is none.
     """
 
     instrument_noise_mm: Annotated[float, Gt(0.0)] | None = None
@@ -56,7 +54,6 @@ class CalibratedProcess(NormalModel):
         self.instrument_noise_ = stated if given is None else given / 1000.0
         super().fit(train, robot=robot, validation=validation, seed=seed)
         self.calibration_ = np.ones(len(AXES))
-        self.left_out_errors_at_ = np.full((len(train), len(AXES)), np.nan)
         if errors := list(self._errors_of_folds(train, robot, validation, seed)):
             self.calibration_ = np.sqrt((np.vstack(errors) ** 2).mean(axis=0))
         return self
@@ -68,8 +65,7 @@ class CalibratedProcess(NormalModel):
         n_poses = len(np.unique(train.pose_id))
         if n_poses < FEWEST_POSES:
             return
-        for rows, left_out_rows in folds_of_poses(train, seed):
-            learned, left_out = train.take(rows), train.take(left_out_rows)
+        for learned, left_out in left_out_fifths(train, seed):
             copy = self._for_a_fold()
             copy.instrument_noise_ = self.instrument_noise_
             with warnings.catch_warnings():
@@ -84,7 +80,6 @@ class CalibratedProcess(NormalModel):
             copy.calibration_ = np.ones(len(AXES))
             interval = copy.predict_interval(left_out.q, left_out.wrench, ONE_DEVIATION)
             error = (interval.lower + interval.upper) / 2.0 - left_out.deflection
-            self.left_out_errors_at_[left_out_rows] = error
             yield 2.0 * error / (interval.upper - interval.lower)
 
     def _for_a_fold(self) -> Self:

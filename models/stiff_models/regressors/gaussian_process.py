@@ -14,13 +14,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 from sklearn.utils import check_random_state
+from threadpoolctl import threadpool_limits
 
 from stiff_protocols.contract.errors import ModelError, warn
 from stiff_protocols.contract.types import FloatArray
@@ -38,7 +39,8 @@ class Search:
 
     The time of a step grows with the cube of the rows. A thousand rows determine about a dozen
     hyperparameters nearly as well as more rows, so the search uses at most `rows` of them, drawn at
-    random. `restarts` searches from random starts follow the first; both draws use `seed`.
+    random. `restarts` searches from random starts follow the first; both draws use `seed`. All
+    compute on one thread, so that the result does not depend on the number of threads.
     """
 
     restarts: int
@@ -67,7 +69,8 @@ class Search:
         bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(start.lengths), noise])
         # legacy numbers: the same as in scikit-learn's restarts
         drawn = check_random_state(self.seed).uniform(*bounds.T, (self.restarts, len(bounds)))
-        return start.with_theta(minimum(loss, [start.theta, *drawn], bounds.tolist()))
+        with threadpool_limits(1):  # a search amplifies the rounding of divided products
+            return start.with_theta(minimum(loss, [start.theta, *drawn], bounds.tolist()))
 
 
 Loss = Callable[[FloatArray], tuple[float, FloatArray]]
@@ -78,17 +81,9 @@ def minimum(
     loss: Loss,
     starts: Sequence[FloatArray],
     bounds: Sequence[tuple[float, float]],
-    tolerance: float | None = None,
 ) -> FloatArray:
-    """Return the hyperparameters with the least loss, by L-BFGS-B from each start.
-
-    `tolerance` is the relative gain at which a search ends; None: SciPy's own, 2e-9.
-    """
-    options: Any = {} if tolerance is None else {"ftol": tolerance}
-    optima = [
-        minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        for start in starts
-    ]
+    """Return the hyperparameters with the least loss, by L-BFGS-B from each start."""
+    optima = [minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts]
     best = min(optima, key=lambda optimum: optimum.fun)
     if not best.success:
         warn(

@@ -28,6 +28,8 @@ from stiff_protocols.contract.types import FloatArray, IntArray
 LEAST, MOST = float(np.exp(-7.0)), float(np.exp(3.0))
 """Bounds of a scale over its typical value; at the lower one a group has vanished."""
 VANISHED = 1.6 * LEAST
+FREEDOM, MOST_WEIGHT = 4.0, 1.3
+"""Of Student's t distribution, and of the weight of a sample."""
 TOLERANCE = 1e-6
 """Least relative gain of a step of the search."""
 
@@ -47,6 +49,18 @@ class Posterior:
     root: FloatArray
     weighted: FloatArray
     precision: FloatArray
+
+    def student_weights(self, noise: float, weights: FloatArray) -> FloatArray:
+        """Return the next (n,) weights of samples, as Student's t distribution gives them.
+
+        `noise` is the standard deviation of an independent error [m], `weights` are the current
+        ones.
+        """
+        variance = (noise**2 / weights)[:, None]
+        error = variance * self.weighted
+        squares = error**2 + variance - variance**2 * self.precision
+        total = squares.sum(axis=1) / noise**2
+        return np.asarray(np.minimum((FREEDOM + 3.0) / (FREEDOM + total), MOST_WEIGHT))
 
 
 @dataclass(frozen=True, eq=False)

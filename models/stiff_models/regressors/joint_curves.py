@@ -1,132 +1,113 @@
-"""Curve, stiffnesses and lost motion of each joint, by a process over springs.
+"""Turn and stiffness of each joint by the torque on it, from the coefficients of `bayes-springs`.
 
-A curve belongs to a previously unloaded joint. SI: rad, N m, N, m.
+A curve belongs to a joint that was not loaded before, at the mean of its compliance over its own
+angle: lines, lost motion and load curves. SI: rad, N m, N, m.
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import ndtri
 
 from stiff_models.physics.vjm import stiffness_unit
-from stiff_models.regressors.spring_process import SpringProcess
-from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot
+from stiff_models.regressors.arm_loads import OWN_AXIS, ArmLoads, Sizes
+from stiff_models.regressors.spring_groups import Group, JointLines, LoadCurves, LostMotion
+from stiff_protocols.contract.types import FloatArray, Robot
 from stiff_protocols.springs.identification import (
     LARGEST_ERROR,
-    LOST_MOTION,
     SPRING_CURVE,
     IdentifiedSprings,
-    spring_key,
 )
 
-N_POINTS = 41  # of a curve, from the lowest torque to the highest
-TINY_SLOPE = 1e-15  # rad/(N m) or m/N: no joint is so stiff
-ARCMIN = math.pi / 180.0 / 60.0
-
+N_POINTS = 41
+"""Points of a curve, from the lowest torque to the highest."""
 LEAST_RANGE = 1e-9
-"""Share of the robot's widest torque range; a joint with less is loaded by rounding only."""
-LOST_MOTION_Z = float(ndtri(0.95))
-"""A lost motion is found if its 90 % interval lies above zero."""
-
-PLACES = ("no", "half", "full")
-_ENDS = np.array([[0.0, 0.05], [0.45, 0.55], [0.95, 1.0]])
-"""Shares of the full torque between which the slope at no, half and full torque is taken."""
+"""Share of the widest range of torques; a joint with less is loaded by rounding only."""
+TINY_SLOPE = 1e-15
+"""rad/(N m) or m/N: no joint is so stiff."""
+PLACES = {"no": (0.0, 0.05), "half": (0.45, 0.55), "full": (0.95, 1.0)}
+"""Torques of printed stiffnesses -> shares of the largest torque between which a slope is taken."""
 
 
 def joint_curves(
-    process: SpringProcess, robot: Robot, springs: IntArray, calibration: float
-) -> tuple[dict[str, FloatArray], IdentifiedSprings, dict[str, float]]:
-    """Return the curves of the joints' own springs, their stiffnesses and their lost motion.
+    robot: Robot,
+    loads: ArmLoads,
+    sizes: Sizes,
+    groups: Sequence[Group],
+    coefficients: FloatArray,
+    root: FloatArray,
+) -> tuple[dict[str, FloatArray], IdentifiedSprings]:
+    """Return the curves of the joints, and their stiffnesses at no, half and full torque.
 
     A curve, "spring A2", is (n, 3) torque [N m or N], turn [rad or m], and its standard deviation,
-    from the lowest to the highest torque of weight and load in the training samples. Stiffnesses
-    are at no, half and full torque, if they lie in this range: the slope over a twentieth of the
-    largest torque, with its standard error. A joint without torque has neither. Lost motion is its
-    width and the standard error, by name and unit; 0 without an error if none is found.
+    inside the torques of weight and load on the training samples. A joint without torque has none.
 
     Args:
-        process: process of all springs.
-        robot: robot of these joints.
-        springs: (n_joints,) number of each joint's own spring.
-        calibration: factor on standard deviations.
+        robot: the robot.
+        loads: training loads.
+        sizes: units of the coefficients.
+        groups: groups that predictions have.
+        coefficients: (p,) of these groups, in their order.
+        root: (p, k) matrix whose product with its transpose is their covariance.
     """
-    points: dict[str, FloatArray] = {}
-    slopes, errors = np.zeros((2, robot.n_joints, len(PLACES)))
-    inside = np.zeros((robot.n_joints, len(PLACES)), dtype=bool)
-    lowest, highest = (ends[springs] for ends in process.loads.torque_range)
-    least = LEAST_RANGE * float((highest - lowest).max())
-    for joint in np.flatnonzero(highest - lowest > least).tolist():
-        low, high = float(lowest[joint]), float(highest[joint])
+    torque = np.concatenate([loads.weight, loads.weight + loads.load])[:, 1:, OWN_AXIS]
+    ends = np.stack([torque.min(axis=0), torque.max(axis=0)], axis=1)
+    widest = float(np.ptp(ends, axis=1).max())
+    curves: dict[str, FloatArray] = {}
+    slopes, errors, names, units = [], [], [], []
+    for joint, (low, high) in enumerate(ends.tolist()):
+        if high - low <= LEAST_RANGE * widest:
+            continue
+        at = np.linspace(low, high, N_POINTS)
+        columns = _turns(loads, sizes, groups, joint, at)
+        deviation = np.linalg.norm(columns @ root, axis=1)
+        name = robot.joint_names[joint]
+        curves[f"{SPRING_CURVE}{name}"] = np.stack([at, columns @ coefficients, deviation], axis=1)
         full = max(low, high, key=abs)
-        ends = full * _ENDS
-        torque = np.concatenate([np.linspace(low, high, N_POINTS), ends.ravel()])
-        turn, covariance = process.curve(int(springs[joint]), torque)
-        deviation = calibration * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        curve = np.stack([torque, turn, deviation], axis=1)
-        points[f"{SPRING_CURVE}{robot.joint_names[joint]}"] = curve[:N_POINTS]
-        steps = np.zeros((len(PLACES), len(torque)))
-        for place, (start, end) in enumerate(ends):
-            steps[place, N_POINTS + 2 * place : N_POINTS + 2 * place + 2] = np.array(
-                [-1.0, 1.0]
-            ) / (end - start)
-        inside[joint] = ((ends >= low) & (ends <= high)).all(axis=1)
-        slopes[joint] = steps @ turn
-        variance = np.einsum("pi,ij,pj->p", steps, covariance, steps)
-        errors[joint] = calibration * np.sqrt(np.maximum(variance, 0.0))
-    straight = process.loads.effects(process.loads.loaded - process.loads.unloaded)[springs]
-    stiffness = _identified(robot, inside, slopes, errors, straight)
-    return points, stiffness, _lost_motion(process, robot, springs, calibration)
-
-
-def _lost_motion(
-    process: SpringProcess, robot: Robot, springs: IntArray, calibration: float
-) -> dict[str, float]:
-    numbers: dict[str, float] = {}
-    widths, errors = process.lost_motion(springs)
-    errors = calibration * errors
-    is_lost_motion = process.is_lost_motion(springs) & (widths > LOST_MOTION_Z * errors)
-    for joint, name in enumerate(robot.joint_names):
-        unit, factor = ("arcmin", 1.0 / ARCMIN) if robot.turns[joint] else ("mm", 1e3)
-        width_key = spring_key(LOST_MOTION, name, unit)
-        numbers[width_key] = 0.0
-        if is_lost_motion[joint]:
-            numbers[width_key] = factor * float(widths[joint])
-            error_key = spring_key(f"{LOST_MOTION} standard error", name, unit)
-            numbers[error_key] = factor * float(errors[joint])
-    return numbers
-
-
-def _unit_rows(matrix: FloatArray) -> FloatArray:
-    """Return the rows scaled to length 1, without rows of zeros."""
-    size = np.linalg.norm(matrix, axis=1, keepdims=True)
-    return np.asarray((matrix / np.where(size > 0.0, size, 1.0))[size[:, 0] > 0.0])
-
-
-def _identified(
-    robot: Robot, inside: BoolArray, slopes: FloatArray, errors: FloatArray, straight: FloatArray
-) -> IdentifiedSprings:
-    """Return (n_joints, 3) slopes and their standard errors [rad/(N m) or m/N] as stiffnesses.
-
-    `inside` (n_joints, 3) chooses the slopes; `straight` (n_joints, n) is the training deflection
-    by each joint at unit compliance.
-    """
-    names = np.array(
-        [[f"{name} at {word} torque" for word in PLACES] for name in robot.joint_names]
-    )
-    units = np.array([[stiffness_unit(kind)] * len(PLACES) for kind in robot.joint_types])
+        for place, shares in PLACES.items():
+            steps = full * np.array(shares)
+            if not ((steps >= low) & (steps <= high)).all():
+                continue
+            slope = np.diff(_turns(loads, sizes, groups, joint, steps), axis=0)[0] / np.ptp(steps)
+            slope *= np.sign(full)
+            slopes.append(float(slope @ coefficients))
+            errors.append(float(np.linalg.norm(slope @ root)))
+            names.append(f"{name} at {place} torque")
+            units.append(stiffness_unit(robot.joint_types[joint]))
+    error = np.array(errors)
     # a slope that may also be negative has the size of its error
-    error = errors[inside]
-    compliance = np.maximum(slopes[inside], np.maximum(0.3 * error, TINY_SLOPE))
+    compliance = np.maximum(np.array(slopes), np.maximum(0.3 * error, TINY_SLOPE))
     log_error = error / compliance
-    is_known = log_error <= LARGEST_ERROR
-    return IdentifiedSprings(
+    is_known = (log_error <= LARGEST_ERROR) & (compliance > TINY_SLOPE)
+    straight = loads.move[:, :, 1:, OWN_AXIS] * loads.load[:, None, 1:, OWN_AXIS]
+    matrix = straight.reshape(-1, robot.n_joints)
+    size = np.linalg.norm(matrix, axis=0)
+    return curves, IdentifiedSprings(
         compliance=compliance,
         is_identified=is_known,
         log_error=log_error,
         rank=int(is_known.sum()),
-        condition=float(np.linalg.cond(_unit_rows(straight))),
-        names=tuple(names[inside].tolist()),
-        units=tuple(units[inside].tolist()),
+        condition=float(np.linalg.cond(matrix[:, size > 0.0] / size[size > 0.0])),
+        names=tuple(names),
+        units=tuple(units),
     )
+
+
+def _turns(
+    loads: ArmLoads, sizes: Sizes, groups: Sequence[Group], joint: int, torque: FloatArray
+) -> FloatArray:
+    """Return the (n, p) turns of a joint by each coefficient under (n,) torques from rest."""
+    n, shape = len(torque), loads.load.shape[1:]
+    twist, load = np.zeros((n, 6, *shape)), np.zeros((n, *shape))
+    twist[:, 0, joint + 1, OWN_AXIS], load[:, joint + 1, OWN_AXIS] = 1.0, torque
+    none, still = np.zeros((n, 6)), np.zeros((n, shape[0] - 1))
+    rest = ArmLoads(
+        still, none, none, np.zeros((n, 3, 3)), twist, load, np.zeros_like(load), loads.turns
+    )
+    parts = []
+    for group in groups:
+        columns = group.columns(rest, sizes)[:, 0]
+        bends = isinstance(group, JointLines | LostMotion | LoadCurves)
+        parts.append(columns if bends else np.zeros_like(columns))
+    return np.concatenate(parts, axis=1)

@@ -19,6 +19,7 @@ from stiff_models.networks.onnx_export import MeanOf
 from stiff_models.pose_folds import left_out_fifths
 from stiff_models.transfer.ft_mlp import FtMlp
 from stiff_protocols.contract.errors import ModelError
+from stiff_protocols.contract.record import TEACHER_EPOCHS
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 
 LEAST_SHARE = 0.1
@@ -87,6 +88,9 @@ class DeepEnsemble(NormalModel, FtMlp):
             errors.append(predictions - left_out.deflection)
         self.noise_ = common_error(np.concatenate(errors, axis=1), self.members)
         self.diagnostics_ = {"members": float(self.members)} | self.members_[0].diagnostics_
+        if self.is_anchored:
+            epochs = (member.diagnostics_[TEACHER_EPOCHS] for member in self.members_)
+            self.diagnostics_[TEACHER_EPOCHS] = sum(epochs)
 
     def _mean_and_deviation(
         self, q: FloatArray, wrench: FloatArray

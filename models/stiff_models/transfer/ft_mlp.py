@@ -22,6 +22,7 @@ from stiff_models.networks.network_model import ChoosesEpochs
 from stiff_models.networks.training import Curve, Rows, TrainingPlan, Visits, train_network
 from stiff_models.transfer.freeze_strategies import Stage, stages
 from stiff_models.transfer.pretrained_mlp import AnchoredMlp, PretrainedMlp, Recipe
+from stiff_protocols.contract.record import TEACHER_EPOCHS
 from stiff_protocols.contract.types import Robot, Samples
 
 _FAST = TrainingPlan(steps=400, learning_rate=1e-4, loss="mae", optimizer="adam")
@@ -67,6 +68,8 @@ class FineTunedMlp(ChoosesEpochs, PretrainedMlp):
         for number, curve in enumerate(curves, start=1):
             stage = "" if len(curves) == 1 else f" {number}"
             self.curves_[f"fine-tuning{stage}"] = curve.points
+        if self.is_anchored:
+            self.diagnostics_[TEACHER_EPOCHS] = float(sum(curve.best_step for curve in curves))
         learned = np.abs(self.predict(train.q, train.wrench) - train.deflection)
         self.diagnostics_ |= {
             "training MAE [mm]": float(learned.mean()) * 1000.0,  # of all axes together

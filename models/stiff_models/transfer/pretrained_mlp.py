@@ -27,6 +27,7 @@ from stiff_models.pose_folds import left_out_fifths
 from stiff_models.transfer.pretraining import PretrainedModel
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
 from stiff_protocols.contract.errors import ModelError, StiffBenchWarning
+from stiff_protocols.contract.record import TEACHER_EPOCHS
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 
 Recipe = Literal["fast", "best", "paper"]
@@ -64,6 +65,11 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
 
     preset: Literal["ours", "paper"] = "ours"
     recipe: Recipe = "fast"
+
+    @property
+    def is_anchored(self) -> bool:
+        """Return whether the prediction before fine-tuning is a teacher's."""
+        return False
 
     @property
     def paper_source(self) -> bool:
@@ -234,3 +240,4 @@ class MlpPretrained(AnchoredMlp):
         super()._fit(train, robot, validation, seed)
         if self.is_anchored:
             self.source_network_ = self.network_
+            self.diagnostics_[TEACHER_EPOCHS] = 0.0

@@ -40,6 +40,8 @@ intervals are computed again. tests/protocols/scoring/test_golden_scoring.py fai
 
 PATH_ERROR = "error left on tool paths [mm]"
 """Diagnostic: mean 3-D error of the paths that a fit corrects in addition to its test."""
+TEACHER_EPOCHS = "epochs of fine-tuning a teacher"
+"""Diagnostic: number of epochs that changed a teacher's prediction; 0: it is the teacher's."""
 READING_OPTION = "read_on"
 """Option of protocols for the reported rows; it does not change the fit or its seed."""
 

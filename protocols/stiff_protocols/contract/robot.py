@@ -19,12 +19,22 @@ STANDARD_GRAVITY = 9.81
 LONGEST_M = 100.0
 """Largest distance between two joints of a robot, m; a larger number is in mm."""
 
-
+USUAL_TURN_RAD = 4.0 * np.pi
+"""Beyond this limit a joint's angles may be in degrees: two turns."""
+LARGEST_TURN_RAD = 16.0 * np.pi
+"""Beyond this limit they are: the wrists that turn most have +-2700 deg, 7.5 turns."""
+UNLIMITED_RAD = 1000.0
+"""Limits from here stand for "no limits": no joint has as many degrees."""
 USUAL_KG_PER_M3 = 0.05, 3000.0
 """Limits of an arm's mass divided by the cube of its length. Arms with 0.3 kg to 2 t of payload
 have 10 to 300; a mass in grams or tonnes is wrong by a factor of 1000."""
 LIGHTEST_IN_GRAMS_KG = 500.0
 """An arm with this mass or less is not too heavy, whatever its length."""
+
+LIMIT_HINT = (
+    'write degrees as rad (170 deg is 2.967), and type="continuous" for a joint that turns without '
+    "end"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,6 +94,7 @@ class Robot(ShownObject, SerialChain):
                 f"robot {self.name!r}: joint axes must have unit length, here {lengths}"
             )
         self._check_sizes()
+        self._check_limits()
         if self.controller is not None and len(self.controller.signs) != n:
             raise DataError(
                 f"robot {self.name!r}: its controller has {len(self.controller.signs)} joints, "
@@ -110,6 +121,27 @@ class Robot(ShownObject, SerialChain):
                 f"robot {self.name!r}: the TCP or a centre of mass is farther than {LONGEST_M:g} m "
                 "from its joint; lengths are in m, not mm"
             )
+
+    def _check_limits(self) -> None:
+        """Check that the limits of revolute joints are in rad; see `LARGEST_TURN_RAD`."""
+        if far := self._joints_beyond(LARGEST_TURN_RAD):
+            raise DataError(
+                f"robot {self.name!r}: {far}: more than {LARGEST_TURN_RAD:.0f} rad; {LIMIT_HINT}"
+            )
+
+    def _joints_beyond(self, limit: float) -> str:
+        """Return the revolute joints with a larger finite limit, and their limits as text."""
+        ends = np.stack([self.lower, self.upper])
+        largest = np.where(np.abs(ends) < UNLIMITED_RAD, np.abs(ends), 0.0).max(axis=0)
+        far = np.flatnonzero(self.turns & (largest > limit))
+        texts = [f"{self.joint_names[i]} {self.lower[i]:g}..{self.upper[i]:g}" for i in far]
+        return f"limits of joint{'s' * (len(far) > 1)} {', '.join(texts)}" if texts else ""
+
+    @property
+    def limit_doubt(self) -> str:
+        """Question on the unit of its limits, if a joint turns more than twice each way; ""."""
+        far = self._joints_beyond(USUAL_TURN_RAD)
+        return f"{far} rad: are they in degrees? {LIMIT_HINT}" if far else ""
 
     @property
     def turns(self) -> BoolArray:

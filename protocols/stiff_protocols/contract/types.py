@@ -284,6 +284,11 @@ class Interval(BriefFields):
         if self.lower.shape != self.upper.shape or (self.lower > self.upper).any():
             raise DataError("an interval's lower bounds lie above its upper bounds")
 
+    @property
+    def half_width(self) -> FloatArray:
+        """(n,) lengths of the half widths on the three axes, m."""
+        return np.asarray(0.5 * np.linalg.norm(self.upper - self.lower, axis=1))
+
 
 def check_coverage(coverage: float) -> None:
     """Raise ConfigError unless a nominal coverage is between 0 and 1."""

@@ -1,4 +1,4 @@
-"""Summarise a fit's error at left-out poses in a few numbers for a model file."""
+"""Expected errors of predictions; a fit's error at left-out poses in a few numbers."""
 
 from __future__ import annotations
 
@@ -9,6 +9,21 @@ import numpy as np
 
 from stiff_protocols.contract.arrays import FloatArray, frozen_array
 from stiff_protocols.contract.errors import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorLengths:
+    """Lengths of one kind of error of predicted deflections.
+
+    Attributes:
+        name: name of the kind, as printed.
+        values: (n,) m; None: unknown.
+        source: text on the source of the values, or the reason why they are unknown.
+    """
+
+    name: str
+    values: FloatArray | None
+    source: str
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ information. It gets its least-squares value without the prior; other springs ke
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import compress
@@ -109,8 +110,8 @@ SPRING_CURVE = "spring "
 """Begins the name of a curve of a fitted model that is a joint's spring."""
 
 
-LOST_MOTION, CONTRIBUTION = "lost motion", "contribution of"
-"""Begins the name of the width of a joint's lost motion; the width is 0 if none is found."""
+CONTRIBUTION = "contribution of"
+"""Begins the name of the mean deflection by a group of springs; it is 0 if none is found."""
 
 
 def spring_key(word: str, name: str, unit: str) -> str:
@@ -134,6 +135,23 @@ def number_with_interval(name: str, unit: str, value: float, ends: FloatArray) -
         f"{name} {LOW_END} [{unit}]": low,
         f"{name} {HIGH_END} [{unit}]": high,
     }
+
+
+def contributions(report: Mapping[str, float]) -> dict[str, tuple[float, float, float]]:
+    """Return group -> its mean deflection and the ends of its interval [mm], from a fit's report.
+
+    The ends are NaN where it has none. A group that is not found has the mean 0.
+    """
+    groups = {}
+    for name, value in report.items():
+        if name.startswith(CONTRIBUTION) and LOW_END not in name and HIGH_END not in name:
+            group = name.removeprefix(f"{CONTRIBUTION} ").removesuffix(" [mm]")
+            low, high = (
+                report.get(spring_key(f"{CONTRIBUTION} {group}", end, "mm"), math.nan)
+                for end in (LOW_END, HIGH_END)
+            )
+            groups[group] = (value, low, high)
+    return groups
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,7 +12,7 @@ import stiffbench as sb
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of the smallest arm
 @pytest.mark.slow
 @pytest.mark.parametrize("name", between.DATASETS[:2])
-@pytest.mark.parametrize("key", ["vjm", "gp", "vjm-gp", "gp-springs"])
+@pytest.mark.parametrize("key", ["vjm", "gp", "vjm-gp", "bayes-springs"])
 def test_intervals_hold_between_the_measured_poses_where_nothing_is_marked(name, key):
     """docs/models.md has the figures; gp held 0.84 of kr10-twin before it knew distances."""
     dataset = sb.load_dataset(name)

@@ -59,16 +59,16 @@ def test_a_fit_prints_a_row_per_spring_and_marks_those_that_are_not_identifiable
     assert 0 < sum("not identifiable" in row for row in rows) < len(rows)
 
 
-def test_a_lost_motion_that_is_not_in_the_samples_is_printed_as_none_found():
+def test_a_group_of_springs_that_the_samples_do_not_need_is_printed_as_none_found():
     robot, rng = planar_arm(2, (0.0, 1.0, 0.0), mass=2.0), np.random.default_rng(0)
     q, wrench = rng.uniform(-1.5, 1.5, (40, 2)), 50.0 * rng.normal(size=(40, 6))
     deflection = robot.joint_deflection(np.array([1e-5, 2e-5]), q, wrench)
-    samples = samples_with(q, wrench, deflection + 1e-5 * rng.normal(size=(40, 3)))
-    model = sb.make_model("gp-springs", springs=6, remainder=False)
+    samples = samples_with(q, wrench, deflection + 1e-6 * rng.normal(size=(40, 3)))
+    model = sb.make_model("bayes-springs", groups="joints+lost motion")
     model.fit(sb.Dataset.from_samples(samples, robot))
-    for joint in robot.joint_names:
-        assert f"- lost motion {joint} [arcmin]: none found" in model.learned
-        assert model.diagnostics[f"lost motion {joint} [arcmin]"] == 0.0
+    assert "- contribution of lost motion [mm]: none found" in model.learned
+    assert model.diagnostics["contribution of lost motion [mm]"] == 0.0
+    assert model.diagnostics["contribution of joints [mm]"] > 0.0
     assert "none found" in str(model)
 
 

@@ -240,7 +240,8 @@ def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
         "beyond the training range",
         "8 of 8 targets corrected",
         "left as they were: 3 motions",
-        "expected remaining error: ",
+        "expected error, mean at left-out poses: ",
+        "90 % interval, half width: ",
     ):
         assert part in done.stdout
     assert (tmp_path / "new.png").stat().st_size > 20_000

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 import stiffbench as sb
+from stiff_datasets.measured.card_text import own_card
+from stiff_datasets.measured.sheet_files import sample_table
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.types import BenchmarkData
 
 pytestmark = pytest.mark.xdist_group("screens")  # they share objects of a minute
 HOSTILE = "<script>$x$\x1b[2J[red]"
@@ -37,7 +40,7 @@ def given(tmp_path_factory):
         samples=data.samples,
         measured=sb.load_dataset("fanuc-r2000ic"),
         model=model,
-        new_model=sb.make_model("gp-springs"),
+        new_model=sb.make_model("bayes-springs"),
         many_springs=sb.make_model("vjm-full").fit(data),
         interval=model.predict_interval(data.samples.q, data.samples.wrench),
         results=results,
@@ -80,6 +83,19 @@ def test_names_with_html_formulas_and_control_signs_are_shown_as_they_are(given)
         assert "<script" not in page and "&lt;script" in page
         assert "mathjax_ignore" in page
         assert "\x1b" not in page + repr(thing)
+
+
+def test_names_in_files_are_printed_without_control_signs(given, tmp_path):
+    path = tmp_path / "my.csv"
+    table = sample_table(given.data.samples, given.data.robot).iloc[:40]
+    moved = np.linspace(0.0, 90.0, len(table))
+    table.assign(**{"axis\x1b[2J": "a", "e1 \u202e": moved}).to_csv(path, index=False)
+    report = repr(sb.validate(path, robot=given.data.robot))
+    assert all(sign.isprintable() or sign == "\n" for sign in report)
+    assert r"\x1b[2J" in report
+    robot = dataclasses.replace(given.data.robot, name=HOSTILE)
+    card = own_card(path, BenchmarkData(given.data.samples, robot), False, {"Source": HOSTILE})
+    assert "\x1b" not in card and r"\x1b[2J" in card
 
 
 def test_results_of_a_model_are_those_of_its_name_and_an_unknown_name_is_refused(given):

@@ -92,6 +92,35 @@ def test_commands_of_a_model_of_another_point_are_for_the_tcp_and_say_so(
     assert "a tool point other than the TCP" in capsys.readouterr().err
 
 
+class Wild:
+    """A model whose prediction alternates where the force is large, so that it never converges."""
+
+    def __init__(self, inner) -> None:
+        self.inner, self.robot_, self.training_range_ = inner, inner.robot_, inner.training_range_
+        self.calls = 0
+
+    def predict(self, q, wrench):
+        self.calls += 1
+        return self.inner.predict(q, wrench) + 1e-3 * (self.calls % 2) * (wrench[:, 1:2] > 15.0)
+
+
+class Rounding(Wild):
+    """A model of the TCP itself, whose two predictions differ by a rounding error."""
+
+    def predict(self, q, wrench):
+        return self.inner.predict(q, wrench)
+
+    def predict_at_tcp(self, q, wrench):
+        return self.predict(q, wrench) * (1.0 + 1e-7)
+
+
+def test_a_rounding_difference_is_not_another_tool_point(square, corrected, vjm, capsys):
+    model = sb.make_model("vjm")
+    model.fitted = Rounding(vjm.fitted)
+    corrected(pd.read_csv(square), model=model)
+    assert "a tool point other than the TCP" not in capsys.readouterr().err
+
+
 def test_loaded_tool_with_the_written_commands_is_on_the_path(square, corrected, vjm):
     path_table = pd.read_csv(square)
     corrected_path, written = corrected(path_table, tolerance=1e-4)
@@ -142,18 +171,6 @@ def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_
     back += np.array([500.0, 10.0, 300.0])
     np.testing.assert_allclose(back, written[POSITION], atol=1e-6)
     assert set(again["frame"]) == {"table"}
-
-
-class Wild:
-    """A model whose prediction alternates where the force is large, so that it never converges."""
-
-    def __init__(self, inner) -> None:
-        self.inner, self.robot_, self.training_range_ = inner, inner.robot_, inner.training_range_
-        self.calls = 0
-
-    def predict(self, q, wrench):
-        self.calls += 1
-        return self.inner.predict(q, wrench) + 1e-3 * (self.calls % 2) * (wrench[:, 1:2] > 15.0)
 
 
 def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, corrected, tmp_path):

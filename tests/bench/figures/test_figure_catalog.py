@@ -20,7 +20,8 @@ NEEDS = {
     "sweep": "`bench reproduce paper`",
     "freezing": "`bench reproduce paper`",
     "learning-curves": "`bench run --protocol sample-efficiency",
-    "springs": "`bench run --model vjm --model gp-springs`",
+    "springs": "`bench run --model vjm --model bayes-springs`",
+    "what-bends": "`bench run --model bayes-springs`",
     "calibration": "`bench run --metric coverage`",
 }
 """Figure that predictions of one robot cannot show -> command that makes it possible."""

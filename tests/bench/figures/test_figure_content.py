@@ -148,6 +148,23 @@ def test_springs_are_drawn_as_the_models_reported_them_or_with_the_priors_slope(
     assert bottom == 0.0 and top > max(line.get_ydata().max() for line in first.get_lines())
 
 
+def test_parts_are_drawn_from_the_largest_down_and_those_not_found_are_named(tmp_path):
+    made = compared(tmp_path)
+    for split, sizes in enumerate([(0.1, 0.3, 0.0), (0.2, 0.5, 0.0)]):
+        names = [f"contribution of {part} [mm]" for part in ("base", "joints", "links")]
+        diagnostics = dict(zip(names, sizes, strict=True))
+        diagnostics["contribution of joints 90 % interval from [mm]"] = 0.25
+        diagnostics["contribution of joints 90 % interval to [mm]"] = 0.35
+        with_fields(made, "gp", split=split, diagnostics=diagnostics)
+    figure = FIGURES["what-bends"](FigureSource.of(tmp_path))
+    axes = figure.draw().axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["base", "joints"]
+    bar, dots = axes.get_lines()[2:4]
+    assert bar.get_xdata().tolist() == [0.25, 0.35]
+    assert list(dots.get_xdata()) == [0.3, 0.5] and list(dots.get_ydata()) == [1, 1]
+    assert "None found: links" in figure.caption
+
+
 def test_curves_of_springs_are_drawn_with_the_band_of_the_first_split_and_the_linear_springs(
     tmp_path,
 ):

@@ -70,6 +70,18 @@ def test_a_wrong_file_is_refused_by_file_key_and_value(text, message, tmp_path):
     assert str(file) in str(refused.value) and message in str(refused.value)
 
 
+@pytest.mark.parametrize("sign", ["\\n# H", "\\u001b[2J", "\\u202e", "\\u0000", "\\u2028"])
+@pytest.mark.parametrize("key", ["name", "title", "notes"])
+def test_control_characters_in_texts_of_a_study_are_refused_by_key(key, sign, tmp_path):
+    file = tmp_path / "mine.toml"
+    value = f'["a{sign}b"]' if key == "notes" else f'"a{sign}b"'
+    usual = SIMPLE.removeprefix('title = "t"\n') if key == "title" else SIMPLE
+    file.write_text(f"{key} = {value}\n{usual}")
+    with pytest.raises(ConfigError, match=rf"mine.toml: {key}.*it should be one line") as refused:
+        read_study(file)
+    assert str(refused.value).isprintable()
+
+
 def test_a_run_may_ask_for_intervals(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(

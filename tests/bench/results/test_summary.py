@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from helpers.made_results import GOOD, VJM_MM, MadeResults
+from helpers.figure_results import with_fields
+from helpers.made_results import GOOD, VJM_MM, MadeResults, made_data
+from stiff_bench.results.columns import matrix_table, task_table
 from stiff_bench.results.scores import model_frame
-from stiff_bench.results.summary import Summary, summarize, task_headline
+from stiff_bench.results.summary import Summary, elsewhere_notes, summarize, task_headline
+from stiff_protocols.contract.record import TEACHER_EPOCHS
 
 
 def summary_of(made: MadeResults) -> Summary:
@@ -77,6 +83,51 @@ def test_a_model_with_less_error_than_the_significant_one_is_named(made):
     assert task.mean("unsteady") < task.mean("steady")
     headline = task_headline(task)
     assert headline.startswith("steady is better") and "unsteady has less error" in headline
+
+
+@pytest.mark.parametrize("is_run", [True, False], ids=["its teacher is run", "it is not"])
+def test_a_network_that_equals_its_teacher_says_so_and_wins_nothing(made, is_run):
+    for number in range(2):
+        made.add_robot(number, {"net": 0.5} | ({"vjm-full": 0.5} if is_run else {}))
+    if not is_run:
+        made_by = {"diagnostics": {TEACHER_EPOCHS: 0.0}, "chosen": {"anchor": "vjm-full"}}
+        with_fields(made, "net", **made_by)
+    scores = made.scores()
+    assert scores.copies == {"net": "= vjm-full"}
+    assert all(task.best() == ("vjm-full" if is_run else "vjm") for task in scores.tasks)
+    (task, *_) = scores.tasks
+    for table in (task_table(task), matrix_table(scores, scores.models)):
+        ((name, error, *_),) = [row for row in table.rows if str(row[0]).startswith("net")]
+        assert name.mark == "= vjm-full" and not error.mark
+    headline = task_headline(task)
+    assert headline.startswith("vjm-full is better") if is_run else "net = vjm-full" in headline
+    assert not summary_of(made).headline.startswith("Use net")
+
+
+def test_left_out_regions_that_contradict_the_test_poses_are_named(made):
+    data = made_data(0)
+    for protocol, ratio in {"holdout": 0.8, "workspace-extrapolation": 2.0}.items():
+        errors = {"vjm": VJM_MM, "net": [ratio * error for error in VJM_MM]}
+        made.add_each(errors, "arm", protocol, data=data)
+    (note,) = elsewhere_notes(made.scores().tasks)
+    assert note.startswith("arm, holdout: net is the best only near the training poses")
+    assert "0.400 mm and vjm 0.200 mm" in note
+
+
+@pytest.mark.parametrize(("group", "is_said"), [("d-optimal", True), ("measured", False)])
+def test_errors_at_planned_poses_do_not_tell_those_of_a_path(made, group, is_said):
+    data = made_data(0)
+    samples = replace(data.samples, group=np.full(len(data.samples), group))
+    errors = {"vjm": VJM_MM, "net": [0.8 * error for error in VJM_MM]}
+    made.add_each(errors, "arm", data=replace(data, samples=samples))
+    notes = [*elsewhere_notes(made.scores().tasks)]
+    assert any("--protocol workspace-extrapolation" in note for note in notes) == is_said
+
+
+def test_a_network_with_other_predictions_on_one_split_is_not_a_copy(made):
+    made.add("vjm-full", [0.1, 0.1, 0.1])
+    made.add("net", [0.1, 0.1, 0.0999])
+    assert made.scores().copies == {}
 
 
 def test_the_gain_in_one_task_is_that_of_the_numbers_with_their_wider_interval(made):

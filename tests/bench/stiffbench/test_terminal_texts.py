@@ -20,7 +20,7 @@ COMMANDS = (
     "data info fanuc-r2000ic",
     "data register my.csv --robot ur5",
     "data export fanuc-r2000ic --output out",
-    "fit --model gp-springs@springs=6 --data my.csv --robot ur5 --output my.stiff",
+    "fit --model bayes-springs@groups=joints --data my.csv --robot ur5 --output my.stiff",
     "predict --model my.stiff --input plan.csv --output predicted.csv",
     "path example --robot ur5 --points 11 --output path.csv",
     "path compensate --model my.stiff --path path.csv --output new.csv",

@@ -59,6 +59,18 @@ def test_a_drift_or_a_jump_is_no_tool_and_a_tool_is_neither(source, fault, words
     assert warning.rows == rows
 
 
+def test_a_drift_is_sought_in_the_order_that_the_file_states(tmp_path):
+    data = clean("kr10-twin", 1)
+    table = FAULTS[DRIFT][0](data).assign(order=np.arange(len(data.table)))
+    shuffled = table.sample(frac=1.0, random_state=0)
+    (warning,) = data.report(tmp_path / "my.csv", shuffled).warnings
+    assert "had drifted by" in warning.message
+    first, last = (np.flatnonzero(shuffled["order"] == at)[0] + 2 for at in (0, len(table) - 1))
+    assert f"from row {first} to row {last}" in warning.message
+    silent = data.report(tmp_path / "silent.csv", shuffled.drop(columns="order"))
+    assert not any("drifted" in warning.message for warning in silent.warnings)
+
+
 @pytest.mark.parametrize("source", [*TWINS, "FANUC"])
 @pytest.mark.parametrize("n", [151, 20])
 def test_clean_rows_neither_drift_nor_jump(source, n):

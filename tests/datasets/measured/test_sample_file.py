@@ -11,7 +11,7 @@ from helpers.made_robots import planar_arm, random_chain
 from helpers.made_samples import CSV_HEADER as HEADER
 from helpers.made_samples import CSV_ROW as GOOD
 from stiff_datasets.measured.sample_file import read_samples
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
 
 def write(tmp_path, *lines):
@@ -31,6 +31,13 @@ RADIANS = [
     line(pose_id=f"P{i}", q1_deg=0.2, q2_deg=-1, q3_deg=1.2, q4_deg=0, q5_deg=0.7, q6_deg=0)
     for i in range(6)
 ]
+
+
+def test_an_angle_a_little_beyond_a_limit_is_a_warning(tmp_path, kr10):
+    path = write(tmp_path, HEADER, line(q2_deg=45.1))
+    with pytest.warns(StiffBenchWarning, match=r"row 2, column q2_deg: '45\.1'.*-190..45 deg"):
+        samples = read_samples(path, kr10)
+    assert np.rad2deg(samples.q[0, 1]) == pytest.approx(45.1)
 
 
 def test_units_are_converted_once_on_the_way_in(tmp_path, kr10):
@@ -187,6 +194,7 @@ def test_a_folder_in_place_of_a_file_is_named(tmp_path, kr10, name):
             [HEADER, line(q2_deg=60)],
             r"column q2_deg: '60', expected -190..45 deg, the limits of joint A2",
         ),
+        ([HEADER, line(q2_deg=46.1)], r"column q2_deg: '46.1', expected -190..45 deg"),
         ([HEADER, line(dx_mm=51)], r"column dx_mm: '51', expected mm within \+-50"),
         (
             [HEADER, line(dx_mm=5e-4, dy_mm=1e-4, dz_mm=-9e-4)],
@@ -268,3 +276,49 @@ def test_a_file_with_fewer_joints_than_the_chain_names_them_and_what_to_do(
     assert "6 joints" in message and "7 (j1, j2, j3, j4, j5, j6, j7)" in message
     assert ("--tip" in message and "'j7'" in message) == tip
     assert ("if j1 stood still" in message) == still
+
+
+def test_order_approach_and_the_reading_after_the_load_are_read(tmp_path, kr10):
+    names = [*(f"approach_q{i}" for i in range(1, 7)), *(f"after_d{a}_um" for a in "xyz")]
+    header = ",".join([HEADER, "order", *names])
+    rows = [
+        ",".join([line(load_id=i), str(order), *["-1"] * 6, "4", "0", "-2"])
+        for i, order in enumerate([7, 3])
+    ]
+    samples = read_samples(write(tmp_path, header, *rows), kr10)
+    assert samples.order.tolist() == [7.0, 3.0]
+    assert (samples.approach == -1.0).all() and samples.approach.shape == (2, 6)
+    np.testing.assert_allclose(samples.after, [[4e-6, 0.0, -2e-6]] * 2)
+
+
+@pytest.mark.parametrize(
+    ("column", "times", "seconds"),
+    [
+        ("Time", ["2026-11-28T10:15:00", "2026-11-28T10:16:30"], [0.0, 90.0]),
+        ("timestamp", ["10:16:30", "10:15:00"], [36990.0, 36900.0]),
+        ("Zeit", ["12.5", "3"], [12.5, 3.0]),
+    ],
+)
+def test_a_time_of_reading_is_an_order(column, times, seconds, tmp_path, kr10):
+    rows = [f"{line(load_id=i)},{time}" for i, time in enumerate(times)]
+    assert (
+        read_samples(write(tmp_path, f"{HEADER},{column}", *rows), kr10).order.tolist() == seconds
+    )
+
+
+@pytest.mark.parametrize(
+    ("columns", "cells", "named"),
+    [
+        (["order"], ["second"], "'second'.*a number, or a time"),
+        ([f"approach_q{i}" for i in range(1, 7)], ["1", "1", "2", "1", "1", "1"], "approach_q3"),
+        (["approach_q1"], ["1"], "missing approach_q2"),
+        (["after_dx_mm", "after_dy_mm"], ["0", "0"], "missing after_dz_mm"),
+        (["after_dx_mm", "after_dy_mm", "after_dz_mm"], ["0", "", "0"], "after_dy_mm"),
+    ],
+)
+def test_an_optional_column_that_says_nothing_is_refused_by_name(
+    columns, cells, named, tmp_path, kr10
+):
+    file = write(tmp_path, ",".join([HEADER, *columns]), ",".join([GOOD, *cells]))
+    with pytest.raises(DataError, match=named):
+        read_samples(file, kr10)

@@ -10,7 +10,7 @@ from stiff_datasets.measured.sample_columns import ID_COLUMNS
 from stiff_datasets.measured.sample_file import check_sheet, read_samples, samples_of
 from stiff_datasets.measured.sheet_files import read_sheet, sample_table, write_table
 from stiff_protocols.contract.errors import DataError, StoreError
-from stiff_protocols.contract.types import COLUMNS, Samples
+from stiff_protocols.contract.types import Samples
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def folder(tmp_path_factory):
 
 
 def assert_identical(samples, expected):
-    for name in COLUMNS:
+    for name in expected.columns:
         actual_values, expected_values = getattr(samples, name), getattr(expected, name)
         if expected_values.dtype.kind == "f":
             assert actual_values.tobytes() == expected_values.tobytes(), name  # minus zero too

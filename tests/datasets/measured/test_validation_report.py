@@ -12,6 +12,7 @@ import pytest
 
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.file_options import FileOptions
+from stiff_datasets.measured.identifiability import regressor
 from stiff_datasets.measured.mistakes import reading
 from stiff_datasets.measured.odd_rows import external_axis_findings, range_findings
 from stiff_datasets.measured.outliers_and_drift import find_outliers, outlier_findings
@@ -250,6 +251,20 @@ def test_every_error_is_listed_and_there_is_no_other_finding(fanucs):
     assert "  - row 4, column fx_N: 'abc', expected a finite number" in lines
 
 
+def test_an_angle_a_little_beyond_a_limit_is_a_warning_but_not_suspicious(kr10, tmp_path, rng):
+    q = rng.uniform(kr10.lower, kr10.upper, size=(9, 6))
+    q[4, 2] = kr10.upper[2] + np.deg2rad(0.1)
+    wrench = rng.normal(scale=[50.0] * 3 + [5.0] * 3, size=(9, 6))
+    deflection = regressor(kr10, q, wrench) @ (1.0 / KR10_STIFFNESS)
+    exact = Measurement(samples_with(q, wrench, deflection), kr10, tmp_path / "my.csv")
+    report = exact.report()
+    assert report.verdict == "ok"
+    (finding,) = report.warnings
+    assert finding.level == "note" and "row 6, column q3_deg" in finding.message
+    q[4, 2] += np.deg2rad(1.0)
+    assert exact.report(q=q).verdict == "invalid"
+
+
 @pytest.mark.parametrize("empty", [np.nan, 0.0, "-", "?", "NaN", " n/a ", "TODO"])
 def test_a_plan_that_is_not_filled_in_is_one_error(fanucs, empty):
     table = fanucs.table().assign(dx_mm=empty, dy_mm=empty, dz_mm=empty)
@@ -308,11 +323,16 @@ def test_a_better_model_lists_the_rows_that_it_predicts_worst_when_left_out(fanu
     errors = np.full((9, 3), 1e-4)
     errors[6] *= 10.0
     fanucs.report()
-    facts = validate(fanucs.path, fanucs.robot, left_out_errors=lambda *_: errors).facts
+    facts = validate(
+        fanucs.path, fanucs.robot, identify_parts=lambda *_: (errors, {"force point": "here"})
+    ).facts
     assert "explained" in only(facts, "springs with curves").message
     assert only(facts, "their largest residuals").message.startswith(
         f"their largest residuals: row 8 {1e3 * np.linalg.norm(errors[6]):.3g}"
     )
+    assert only(facts, "force point").message == "force point: here"
     errors[3] = np.nan
-    facts = validate(fanucs.path, fanucs.robot, left_out_errors=lambda *_: errors).facts
+    facts = validate(
+        fanucs.path, fanucs.robot, identify_parts=lambda *_: (errors, {"force point": "here"})
+    ).facts
     assert not any("curves" in fact.message for fact in facts)

@@ -56,6 +56,44 @@ def test_the_kr10_has_its_data_sheets_limits_and_masses_and_the_default_tcp(kr10
     assert (kr10.tcp[0], np.hypot(*kr10.tcp[1:])) == pytest.approx((0.08, 0.06))
 
 
+def limited(tmp_path, low, high, kind="revolute"):
+    limits = f'lower="{low}" upper="{high}"'
+    return urdf(tmp_path, joint(kind=kind).replace('lower="-1" upper="1"', limits))
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(-170, 170), (-190.5, 45), (0, 360), (-720, -10), (-3.14, 180), (-60, 1e9)]
+)
+def test_limits_in_degrees_are_refused_with_what_to_write(tmp_path, low, high):
+    with pytest.raises(DataError, match=rf"joint to_l1 {low:g}\.\..*write degrees as rad"):
+        read_robot(limited(tmp_path, low, high))
+
+
+@pytest.mark.parametrize(("low", "high"), [(-45, 45), (-47.12, 47.12), (-12.6, 1)])
+def test_limits_of_some_turns_are_read_with_a_question(tmp_path, low, high):
+    with pytest.warns(StiffBenchWarning, match=rf"joint to_l1 {low:g}\.\..* in degrees\?"):
+        assert read_robot(limited(tmp_path, low, high)).upper[0] == high
+
+
+@pytest.mark.parametrize(("low", "high"), [(-12.5, 12.5), (-2 * np.pi, 2 * np.pi), (-9.42, 9.42)])
+def test_limits_of_two_turns_are_read_as_they_are(tmp_path, low, high):
+    robot = read_robot(limited(tmp_path, low, high))
+    assert (robot.lower[0], robot.upper[0]) == (low, high)
+
+
+@pytest.mark.parametrize("limit", [1e3, 6283.2, 1e16, 1.7e308])
+def test_limits_that_stand_for_none_count_as_none(tmp_path, limit):
+    chain = read_chain(limited(tmp_path, -limit, limit))
+    assert chain.robot.upper[0] == np.inf == -chain.robot.lower[0]
+    assert any("count as none: to_l1" in note for note in chain.notes)
+
+
+def test_slides_and_joints_off_the_chain_may_have_large_limits(tmp_path):
+    assert read_robot(limited(tmp_path, 0, 60, kind="prismatic")).upper[0] == 60.0
+    off_chain = joint("l1", "l2") + joint("l1", "jaw").replace('lower="-1"', 'lower="-170"')
+    assert read_robot(urdf(tmp_path, joint() + off_chain), tip="l2").n_joints == 2
+
+
 @pytest.mark.parametrize("shipped", shipped_robots().values(), ids=lambda info: info.urdf)
 @pytest.mark.parametrize("tcp", [None, (-0.06, 0.0, 0.08)])
 def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped, tcp):

@@ -66,8 +66,13 @@ def test_all_columns_of_a_world_are_its_samples_with_approach_and_the_reading_af
     pd.testing.assert_frame_equal(table, every[table.columns])
     extra = every.drop(columns=[*table.columns])
     assert [*extra] == [
+        "order",
         *(f"approach_q{i}" for i in range(1, 7)),
         *(f"after_d{a}_mm" for a in "xyz"),
     ]
     assert set(extra["approach_q2"]) == {-1.0, 1.0}
+    robot = shipped_robot("ur5", tcp=(0.0, 0.06, 0.08))
+    stated = read_samples(tmp_path / "all.csv", robot)
+    assert stated.order.tolist() == [*range(1, 31)]
+    np.testing.assert_array_equal(stated.approach[:, 1], extra["approach_q2"])
     assert len(read_samples(tmp_path / "s.csv", shipped_robot("ur5", tcp=(0.0, 0.06, 0.08)))) == 30

@@ -81,6 +81,35 @@ def test_groups_of_lines_are_the_linear_models(kinds, groups, springs, linear, r
     assert error(predict(model, test), expected) < 0.01
 
 
+def test_stiffnesses_and_curves_are_those_of_linear_springs(rng):
+    robot = Ur5Twin().load().robot
+    train, _ = linear_samples(robot, rng, [0.0, 0.0, 1.0])
+    model = BayesSprings(groups="joints").fit(train, robot=robot)
+    stiffness = VirtualJointModel().fit(train, robot=robot).springs_.stiffness
+    springs = dict(zip(model.springs_.names, model.springs_.stiffness, strict=True))
+    for joint, expected in zip(robot.joint_names, stiffness, strict=True):
+        for place in ("no", "half", "full"):
+            assert springs[f"{joint} at {place} torque"] == pytest.approx(expected, rel=0.02)
+        torque, turn, deviation = model.curves_[f"spring {joint}"].T
+        np.testing.assert_allclose(turn, torque / expected, rtol=0.02)
+        assert (deviation < 0.1 * np.abs(turn).max()).all()
+
+
+def test_curves_lie_on_the_gears_of_the_simulated_robot(clean):
+    train, _, _ = divided(clean)
+    curves = BayesSprings().fit(train, robot=clean.robot).curves_
+    for joint in (1, 3, 4):  # A3 shares its deflection with its bearings
+        torque, turn, _ = curves[f"spring {clean.robot.joint_names[joint]}"].T
+        true = clean.joint_turn(np.outer(torque, np.eye(6)[joint]))[:, joint]
+        assert np.abs(turn - true).max() < 0.05 * np.abs(true).max()
+
+
+def test_a_model_without_springs_of_the_joints_identifies_no_stiffness(few):
+    robot, train = few
+    model = BayesSprings(groups="links+base").fit(train, robot=robot)
+    assert not model.springs_.is_identified.any()
+
+
 def test_without_a_load_nothing_moves(few):
     robot, train = few
     model = BayesSprings().fit(train, robot=robot)
@@ -192,6 +221,19 @@ def test_intervals_of_readings_hold_and_are_wider_than_those_of_the_robot(clean)
 
 
 @pytest.mark.slow
+def test_the_covariance_of_a_deflection_with_itself_is_its_variance(few, clean):
+    robot, train = few
+    model = BayesSprings(groups="joints+bearings").fit(train.take(np.arange(9)), robot=robot)
+    q, wrench = clean.samples.q[:5], clean.samples.wrench[:5]
+    covariance = model.covariance(q, wrench, q[:3], wrench[:3])
+    assert covariance.shape == (3, 5, 3)
+    np.testing.assert_allclose(covariance[:, :3], covariance[:, :3].swapaxes(1, 2), rtol=1e-9)
+    variance = np.diagonal(covariance, axis1=1, axis2=2).T
+    deviation = model.deviation(q[:3], wrench[:3], reading=False)
+    np.testing.assert_allclose(variance, deviation**2, rtol=1e-9)
+    assert (model.noise_variance() > 0.0).all()
+
+
 def test_a_wild_reading_hardly_counts(clean):
     robot, train = clean.robot, divided(clean)[0]
     deflection = train.deflection.copy()

@@ -51,7 +51,7 @@ def test_a_learner_that_learns_nothing_leaves_the_physics(key, parts):
     np.testing.assert_equal(model.diagnostics_, physics.diagnostics_)  # some are NaN
 
 
-@pytest.mark.parametrize("key", ["curve-springs", "gp-springs", "bayes-springs"])
+@pytest.mark.parametrize("key", ["curve-springs", "bayes-springs"])
 def test_a_saved_learner_predicts_the_same_on_any_physics(key, parts, tmp_path):
     robot, train, _, test = parts
     model = VjmBoosting(physics=key, trees=5).fit(train.take(np.arange(40)), robot=robot)

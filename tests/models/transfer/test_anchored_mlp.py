@@ -23,6 +23,7 @@ from stiff_models.transfer.pretrained_mlp import (
     chosen_teacher,
 )
 from stiff_models.transfer.source_model import NO_TARGET_LABELS
+from stiff_protocols.contract.record import TEACHER_EPOCHS
 
 pytestmark = [
     pytest.mark.usefixtures("small_source"),
@@ -43,7 +44,7 @@ def errors(model, samples):
     ("anchor", "cls", "options"),
     [
         *((anchor, FtMlp, {"epochs": 0}) for anchor in get_args(SpringModel)[:-1]),
-        pytest.param("gp-springs", FtMlp, {"epochs": 0}, marks=pytest.mark.slow),
+        pytest.param("bayes-springs", FtMlp, {"epochs": 0}, marks=pytest.mark.slow),
         ("vjm-full", MlpPretrained, {}),
         ("vjm-multisegment", DeepEnsemble, {"epochs": 0, "members": 2}),
     ],
@@ -55,6 +56,7 @@ def test_without_fine_tuning_an_anchored_network_is_its_teacher_exactly(
     model = cls(**SMALL, **options, anchor=anchor).fit(train, robot=robot, seed=3)
     teacher = fitted_physics(anchor, train, robot)
     np.testing.assert_array_equal(predict(model, test), predict(teacher, test))
+    assert model.diagnostics_[TEACHER_EPOCHS] == 0.0
 
 
 @pytest.mark.parametrize("teacher", TEACHERS)
@@ -74,6 +76,7 @@ def test_the_chosen_teacher_is_reported_and_an_ensembles_members_have_the_first_
     teacher = chosen_teacher(train, robot, 3)
     single = FtMlp(**SMALL, epochs=10, training="normal").fit(train, robot=robot, seed=3)
     assert single.best_params_ == {"anchor": teacher}
+    assert single.diagnostics_[TEACHER_EPOCHS] == 10.0
     ensemble = DeepEnsemble(**SMALL, epochs=10, members=2).fit(train, robot=robot, seed=3)
     assert ensemble.best_params_ == {"anchor": teacher, "epochs": ensemble.members_[1].epochs}
     assert ensemble.members_[1].anchor == teacher

@@ -65,7 +65,7 @@ def test_every_family_with_a_source_domain_takes_another_robots_and_no_other_doe
     [
         ("mlp-pretrained", {}),
         *(("mlp-pretrained", {"source_teacher": key}) for key in get_args(SpringModel)[1:-1]),
-        pytest.param("mlp-pretrained", {"source_teacher": "gp-springs"}, marks=pytest.mark.slow),
+        pytest.param("mlp-pretrained", {"source_teacher": "bayes-springs"}, marks=pytest.mark.slow),
         pytest.param("ft-mlp", {"preset": "paper"}, marks=pytest.mark.slow),
         ("compliance-net", {"epochs": 0}),
         ("dt-cnn", {"alignment": "mk-mmd"}),
