@@ -154,7 +154,7 @@ def validate(
     return validation.validate(path_of(file), as_robot(robot), options, _identified_parts)
 
 
-MOST_PARTS, LEAST_OFFSET_MM, LEAST_WEIGHT_CHANGE = 4, 5.0, 15.0
+MOST_PARTS, LEAST_OFFSET_MM, LEAST_WEIGHT_CHANGE = 3, 5.0, 15.0
 """Parts that `validate` names; mm and % from which force point and weights are named."""
 
 

@@ -181,7 +181,7 @@ class ModelChecks(CheckedModel):
     def a_fit_takes_samples_that_state_more(self) -> None:
         """Ignore train.order, train.approach and train.after, or use them."""
         self.predicted()
-        self.predicted("stated", "none")
+        self.fitted("stated")
 
     def a_fit_learns_from_its_own_rows(self) -> None:
         """Cache a fit by its rows and its seed, not only by its seed."""

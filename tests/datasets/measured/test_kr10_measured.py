@@ -53,6 +53,7 @@ def test_a_registered_file_is_read_with_the_shipped_robot_and_its_tcp(csv, kr10)
     np.testing.assert_array_equal(data.robot.tcp, kr10.tcp)
     np.testing.assert_allclose(data.samples.deflection, [[0.5e-3, 0.1e-3, -0.9e-3]])
     table = {"csv": str(csv), "tcp": list(TCP), "no_torque": False, "pose_tolerance": 0.05}
+    table["register"] = False
     assert tomllib.loads(path.read_text()) == {KEY: table}
 
 

@@ -93,7 +93,7 @@ def test_a_constructor_that_raises_is_one_failure_and_too_few_samples_are_refuse
         check_model(Springs, few, uses_validation=False)
 
 
-@pytest.mark.parametrize(("uses_validation", "n_fits"), [(False, 4), (True, 5)])
+@pytest.mark.parametrize(("uses_validation", "n_fits"), [(False, 5), (True, 6)])
 def test_a_model_is_fitted_a_few_times_when_nothing_is_wrong(uses_validation, n_fits, fanuc):
     class Counts(Springs):
         fits = 0
