@@ -161,7 +161,7 @@ MOST_PARTS, LEAST_OFFSET_MM, LEAST_WEIGHT_CHANGE = 3, 5.0, 15.0
 def _identified_parts(samples: Samples, robot: Robot) -> tuple[FloatArray, dict[str, str]]:
     """Return (n, 3) errors [m] of `bayes-springs` at left-out readings, and facts on its parts.
 
-    Without a fit the errors are NaN, and there are no facts.
+    Without a fit the errors are NaN, and the facts are empty.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)  # the report has the same message

@@ -293,7 +293,7 @@ def elsewhere_notes(tasks: Sequence[ScoredTask]) -> Iterator[str]:
                 )
         elif is_planned(task.data.measured.group):
             yield (
-                f"{where}: planned poses are not like those of a path, so errors and order of the "
+                f"{where}: planned poses are unlike a path's, so errors and order of the "
                 f"models can differ there; --protocol {LEFT_OUT_REGIONS} tests left-out regions."
             )
 

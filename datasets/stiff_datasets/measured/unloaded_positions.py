@@ -51,7 +51,7 @@ class Frame:
 
     @property
     def text(self) -> str:
-        """How the frame is turned and shifted."""
+        """Turn and shift of the frame."""
         from scipy.spatial.transform import Rotation
 
         shift = ", ".join(f"{length:.4g}" for length in self.shift.round(5) + 0.0)
@@ -210,7 +210,7 @@ def _likeliest_mistake(
 ) -> _Mistake | None:
     """Return the first mistake that leaves little and hardly more than the best, or None.
 
-    `positions` are those of the `measured` rows.
+    `positions` belong to the `measured` rows.
     """
     compared = np.unique(np.linspace(0, len(measured) - 1, MAX_COMPARED).astype(np.int64))
     limit = min(MAX_MEDIAN, CLEAR_RATIO * float(np.median(shifted.distance)))
@@ -228,7 +228,7 @@ def _likeliest_mistake(
 def _mistakes(
     positions: FloatArray, q: FloatArray, rows: IntArray, robot: Robot
 ) -> Iterator[_Mistake]:
-    """Yield each mistake, the likeliest first; `positions` are those of the `rows`."""
+    """Yield each mistake, the likeliest first; `positions` belong to the `rows`."""
     tcp = robot.forward(q[rows]).points[:, -1]
     frame = None if frame_doubt(positions, tcp) else fit_frame(positions, tcp)
     if frame:

@@ -102,12 +102,12 @@ def _turns(
     twist, load = np.zeros((n, 6, *shape)), np.zeros((n, *shape))
     twist[:, 0, joint + 1, OWN_AXIS], load[:, joint + 1, OWN_AXIS] = 1.0, torque
     none, still = np.zeros((n, 6)), np.zeros((n, shape[0] - 1))
-    rest = ArmLoads(
+    unloaded = ArmLoads(
         still, none, none, np.zeros((n, 3, 3)), twist, load, np.zeros_like(load), loads.turns
     )
     parts = []
     for group in groups:
-        columns = group.columns(rest, sizes)[:, 0]
+        columns = group.columns(unloaded, sizes)[:, 0]
         bends = isinstance(group, JointLines | LostMotion | LoadCurves)
         parts.append(columns if bends else np.zeros_like(columns))
     return np.concatenate(parts, axis=1)

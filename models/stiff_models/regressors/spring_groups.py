@@ -55,7 +55,7 @@ class Group:
 
     @property
     def is_predicted(self) -> bool:
-        """Whether predictions are sums over its columns."""
+        """True if predictions are sums over its columns."""
         return self.part == "robot" and not self.is_searched
 
     def columns(self, loads: ArmLoads, sizes: Sizes) -> FloatArray:
