@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from unittest import mock
@@ -16,6 +18,7 @@ from helpers.command_line import assert_refused, bench_here, started
 from helpers.made_robots import arm_lines, gripper_lines, tree_urdf
 from stiff_bench.store.database import read_results
 from stiff_datasets.measured.kr10_measured import registration
+from stiff_datasets.measured.sheet_files import sample_table
 from stiff_datasets.measured.validation_report import validate
 from stiff_datasets.twin.constants import shipped_constants, shipped_twins
 from stiff_datasets.twin.twin import DigitalTwin
@@ -37,6 +40,22 @@ def filled_in(plan: Path, twin_name: str = "kr10_r1100_2") -> None:
     twin = DigitalTwin.in_world(shipped_constants(twin_name), 0, "clean")
     table[DEFLECTIONS] = (1000.0 * twin.truth(q, table[LOADS].to_numpy())).round(5)
     table.to_csv(plan, index=False)
+
+
+@pytest.mark.slow
+def test_validate_names_where_the_force_acts_and_what_moves_the_tool(tmp_path):
+    data = sb.load_dataset("kr10-twin@plan=wide").data
+    samples = data.samples.take(np.arange(60))
+    lever = data.robot.forward(samples.q).rotation @ np.array([0.012, -0.016, 0.0])
+    written = samples.wrench.copy()
+    written[:, 3:] -= np.cross(lever, written[:, :3])
+    table = sample_table(replace(samples, wrench=written), data.robot)
+    table.to_csv(tmp_path / "my.csv", index=False)
+    report = sb.validate(tmp_path / "my.csv", robot="kr10-r1100-2")
+    messages = {fact.message.partition(": ")[0]: fact.message for fact in report.facts}
+    x, y, z = map(int, re.search(r"\((\S+), (\S+), (\S+)\) mm", messages["force point"]).groups())
+    assert np.linalg.norm(np.array([x, y, z]) - [12, -16, 0]) < 4
+    assert "joints" in messages["what moves the tool"]
 
 
 @pytest.mark.slow

@@ -244,6 +244,25 @@ def test_on_a_study_s_board_a_model_equal_to_its_teacher_says_so_and_wins_nothin
     assert frame.loc["vjm-full", "won"] == len(GOOD)
 
 
+def test_variants_that_ran_in_some_worlds_have_tables_of_these_worlds(made):
+    for number, ratio in enumerate(GOOD):
+        made.add_robot(number, {"good": ratio, "wide": 0.9}, words="@world=all")
+        ratios = {"good": ratio, "wide": 0.9, "narrow": 2.0 * ratio}
+        made.add_robot(number, ratios, words="@world=structure")
+    controls = {"narrow": "good", "wide": "good"}
+    settings = BoardSettings("holdout", controls=controls, variants=("wide", "narrow"))
+    tables = StudyLeaderboard(StoredResults.read(made.folder), settings).tables
+    titles = [table.title for table in tables if table.about["table"] == "variants"]
+    assert any(title.startswith("Variants: ") for title in titles)
+    (against,) = [
+        table for table in tables if table.title.startswith("Variants in structure: Models against")
+    ]
+    (row,) = against.texts()
+    assert row[:3] == ["narrow", "good", "2.00"]
+    (board,) = [t for t in tables if t.title.startswith("Variants in structure: Error over")]
+    assert "wide" not in str(board.texts())
+
+
 def test_on_a_study_s_board_measured_data_have_estimates_and_no_verdicts(made):
     made.add_robots()
     made.add_robot(9, {"good": 3.0, "fair": 0.5}, kind="measured")
