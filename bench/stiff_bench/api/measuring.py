@@ -154,7 +154,7 @@ def validate(
     return validation.validate(path_of(file), as_robot(robot), options, _identified_parts)
 
 
-MOST_PARTS, LEAST_OFFSET_MM, LEAST_WEIGHT_CHANGE = 3, 5.0, 15.0
+MOST_PARTS, LEAST_OFFSET_MM, LEAST_WEIGHT_CHANGE = 2, 5.0, 15.0
 """Parts that `validate` names; mm and % from which force point and weights are named."""
 
 
@@ -172,7 +172,8 @@ def _identified_parts(samples: Samples, robot: Robot) -> tuple[FloatArray, dict[
     numbers = model.diagnostics_
     sizes = {name: size for name, (size, *_) in contributions(numbers).items() if size}
     largest = sorted(sizes, key=sizes.__getitem__, reverse=True)[:MOST_PARTS]
-    facts = {"what moves the tool": ", ".join(f"{name} {sizes[name]:.2g} mm" for name in largest)}
+    shown = ", ".join(f"{name} {sizes[name]:.2g}" for name in largest)
+    facts = {"what moves the tool": f"{shown} mm"}
     point = np.array([numbers[f"force point from the TCP, {axis} [mm]"] for axis in AXES])
     if np.linalg.norm(point) > LEAST_OFFSET_MM:
         place = ", ".join(f"{length:.0f}" for length in point)
