@@ -173,7 +173,7 @@ def _identified_parts(samples: Samples, robot: Robot) -> tuple[FloatArray, dict[
     sizes = {name: size for name, (size, *_) in contributions(numbers).items() if size}
     largest = sorted(sizes, key=sizes.__getitem__, reverse=True)[:MOST_PARTS]
     parts = ", ".join(f"{name} {sizes[name]:.2g}" for name in largest)
-    facts = {"what moves the tool": f"{parts} mm"}
+    facts = {"what moves the tool": f"{parts} mm"} if parts else {}
     point = np.array([numbers[f"force point from the TCP, {axis} [mm]"] for axis in AXES])
     if np.linalg.norm(point) > LEAST_OFFSET_MM:
         place = ", ".join(f"{length:.0f}" for length in point)
