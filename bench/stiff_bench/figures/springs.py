@@ -184,9 +184,9 @@ def springs(source: FigureSource) -> Prepared:
 def what_bends(source: FigureSource) -> Prepared:
     """Show how far each part of a robot and its rig moves the tool, as a model identified it."""
     task = source.task(_contributions, _NEEDS_PARTS)
-    first = source.results(task, _contributions)[0]
-    model = first.presentation.model
-    results = [r for r in source.results(task, _contributions) if r.presentation.model == model]
+    results = source.results(task, _contributions)
+    model = results[0].presentation.model
+    results = [result for result in results if result.presentation.model == model]
     fits = [_contributions(result) for result in results]
     largest = {part: max(fit.get(part, _NO_PART)[0] for fit in fits) for part in fits[0]}
     absent = "; ".join(part for part, size in largest.items() if not size)

@@ -21,7 +21,7 @@ from stiff_bench.results.notes import (
     sources,
 )
 from stiff_bench.results.scored_task import SortKey, sort_key
-from stiff_bench.results.scores import Scores, complete_logs, model_frame
+from stiff_bench.results.scores import Scores, model_frame
 from stiff_bench.results.selection import EVERYTHING, BoardSettings, Selection
 from stiff_bench.results.summary import (
     Summary,
@@ -36,7 +36,6 @@ from stiff_bench.tables.units import first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.scoring.over_robots import ROUNDING
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -253,12 +252,6 @@ class StudyLeaderboard:
         table = model_frame(self.scores, self.few, self.readings)
         if "won" not in table:
             raise ConfigError("no model has all results on five robots: the study is not finished")
-        logs = complete_logs(self.scores)
-        for name, control in self.settings.controls.items():
-            if {name, control} <= {*logs} and (logs[name] - logs[control]).abs().max() < ROUNDING:
-                is_equal, is_control = table["model"] == name, table["model"] == control
-                table.loc[is_control, "won"] += table.loc[is_equal, "won"].sum()
-                table.loc[is_equal, ["mark", "won"]] = f"= {control}", 0.0
         if self.statuses:
             statuses = [self.statuses.get(name, VERIFIED) for name in table["model"]]
             table = table.assign(status=statuses)

@@ -59,18 +59,18 @@ def joint_curves(
     for joint, (low, high) in enumerate(ends.tolist()):
         if high - low <= LEAST_RANGE * widest:
             continue
+        full = max(low, high, key=abs)
+        steps = full * np.array([*PLACES.values()])
         at = np.linspace(low, high, N_POINTS)
-        columns = _turns(loads, sizes, groups, joint, at)
+        torques = np.concatenate([at, steps.ravel()])
+        columns, of_steps = np.split(_turns(loads, sizes, groups, joint, torques), [N_POINTS])
         deviation = np.linalg.norm(columns @ root, axis=1)
         name = robot.joint_names[joint]
         curves[f"{SPRING_CURVE}{name}"] = np.stack([at, columns @ coefficients, deviation], axis=1)
-        full = max(low, high, key=abs)
-        for place, shares in PLACES.items():
-            steps = full * np.array(shares)
-            if not ((steps >= low) & (steps <= high)).all():
+        rises = np.diff(of_steps.reshape(*steps.shape, -1), axis=1)[:, 0] / np.diff(steps)
+        for place, ends_of_step, slope in zip(PLACES, steps, rises, strict=True):
+            if not ((ends_of_step >= low) & (ends_of_step <= high)).all():
                 continue
-            slope = np.diff(_turns(loads, sizes, groups, joint, steps), axis=0)[0] / np.ptp(steps)
-            slope *= np.sign(full)
             slopes.append(float(slope @ coefficients))
             errors.append(float(np.linalg.norm(slope @ root)))
             names.append(f"{name} at {place} torque")

@@ -173,9 +173,7 @@ class Samples(ShownObject):
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the fields with a row per sample, without those that are not stated."""
-        optional = (item.name for item in fields(self) if "hashed_where_stated" in item.metadata)
-        stated = (name for name in optional if np.ndim(getattr(self, name)))
-        return (*_COLUMNS, *(name for name in stated if getattr(self, name).size))
+        return (*_COLUMNS, *(name for name in _OPTIONAL if getattr(self, name).size))
 
     @classmethod
     def together(cls, *parts: Samples) -> Self:
@@ -191,10 +189,10 @@ class Samples(ShownObject):
         return cls(**columns, instrument_noise=max(part.instrument_noise for part in parts))
 
 
-_COLUMNS = tuple(
-    item.name for item in fields(Samples) if "hashed_where_stated" not in item.metadata
-)
+_COLUMNS = ("q", "wrench", "deflection", "pose_id", "load_id", "group")
 """Fields of `Samples` with a row per sample that are always stated."""
+_OPTIONAL = ("order", "approach", "after", "directions")
+"""Those that a file may state."""
 
 
 def _range(vectors: FloatArray) -> str:
