@@ -21,6 +21,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from stiff_apply.postures import rank_postures as rank_postures
+    from stiff_apply.robot_programs import compensate_program as compensate_program
+    from stiff_apply.stiffness_maps import StiffnessMap as StiffnessMap
+    from stiff_apply.stiffness_maps import stiffness_map as stiffness_map
+    from stiff_apply.tool_paths import compensate_path as compensate_path
+    from stiff_apply.tool_paths import example_path as example_path
     from stiff_bench.api.data_sets import Dataset as Dataset
     from stiff_bench.api.data_sets import drilled_holes as drilled_holes
     from stiff_bench.api.data_sets import load_dataset as load_dataset
@@ -34,7 +40,6 @@ if TYPE_CHECKING:
     from stiff_bench.api.model import make_model as make_model
     from stiff_bench.api.pictures import figure as figure
     from stiff_bench.api.pictures import paper_table as paper_table
-    from stiff_bench.api.postures import rank_postures as rank_postures
     from stiff_bench.api.records import export_results as export_results
     from stiff_bench.api.registered import list_datasets as list_datasets
     from stiff_bench.api.registered import list_figures as list_figures
@@ -42,13 +47,8 @@ if TYPE_CHECKING:
     from stiff_bench.api.registered import list_models as list_models
     from stiff_bench.api.registered import list_protocols as list_protocols
     from stiff_bench.api.registered import show as show
-    from stiff_bench.api.robot_programs import compensate_program as compensate_program
     from stiff_bench.api.robots import load_robot as load_robot
     from stiff_bench.api.robots import read_robot as read_robot
-    from stiff_bench.api.stiffness_maps import StiffnessMap as StiffnessMap
-    from stiff_bench.api.stiffness_maps import stiffness_map as stiffness_map
-    from stiff_bench.api.tool_paths import compensate_path as compensate_path
-    from stiff_bench.api.tool_paths import example_path as example_path
     from stiff_bench.model_tools.plugins import check as check
     from stiff_bench.page.report import report as report
     from stiff_bench.plan.registry import use_plugin as use_plugin

@@ -16,7 +16,7 @@ from scipy.stats import rankdata, spearmanr, t
 from tabulate import tabulate
 
 import stiffbench as sb
-from stiff_bench.api.postures import axial_compliance
+from stiff_apply.postures import axial_compliance
 from stiff_datasets.measured.drilled_holes import DRILL_AXIS, FURTHER_TESTS
 from stiff_protocols.contract.types import FloatArray
 

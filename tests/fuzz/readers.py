@@ -18,6 +18,9 @@ from helpers.quick_models import quick_model, twin_data
 from helpers.robot_programs import DOCS, ROBOTS
 from helpers.run_requests import planned
 from helpers.shipped_descriptors import FOLDER
+from stiff_apply.path_file import frame_matrix
+from stiff_apply.programs.controller_poses import program_poses
+from stiff_apply.programs.program_reader import read_program
 from stiff_bench.api.model import load_model
 from stiff_bench.paper.study_file import read_study
 from stiff_bench.plan.cells import models_under
@@ -27,11 +30,8 @@ from stiff_bench.store.database import FILE, read_data, read_manifests, read_res
 from stiff_datasets.measured.data_card import parse_card
 from stiff_datasets.measured.descriptors import croissant, data_package, describe, json_text
 from stiff_datasets.measured.load_file import read_loads
-from stiff_datasets.measured.path_file import frame_matrix
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.sheet_files import sample_table, write_table
-from stiff_datasets.programs.controller_poses import program_poses
-from stiff_datasets.programs.program_reader import read_program
 from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_datasets.twin.constants import read_constants

@@ -9,14 +9,14 @@ import pinocchio as pin
 import pytest
 
 from helpers.perf_case import OURS, ours_or_peer
+from stiff_apply.workspace_grid import plane_grid
+from stiff_apply.workspace_map import WorkspaceTask, mapped_points
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.kinematics.serial_chain import REACHED_M, REACHED_RAD
 from stiff_protocols.paths.inverse import follow
 from stiff_protocols.paths.path import ToolPath, shaped
-from stiff_protocols.paths.workspace_grid import plane_grid
-from stiff_protocols.paths.workspace_map import WorkspaceTask, mapped_points
 
 ROBOT, TCP = "kr10_r1100_2", (0.06, 0.0, 0.08)
 SAMPLES = 106_400

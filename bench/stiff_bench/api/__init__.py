@@ -15,14 +15,10 @@ if TYPE_CHECKING:
     from stiff_bench.api import measuring as measuring
     from stiff_bench.api import model as model
     from stiff_bench.api import pictures as pictures
-    from stiff_bench.api import postures as postures
     from stiff_bench.api import records as records
     from stiff_bench.api import registered as registered
-    from stiff_bench.api import robot_programs as robot_programs
     from stiff_bench.api import robots as robots
-    from stiff_bench.api import stiffness_maps as stiffness_maps
     from stiff_bench.api import submissions as submissions
-    from stiff_bench.api import tool_paths as tool_paths
 
 RESULTS = Path("results/runs")
 """Default folder of results for `bench run` and for the commands that read results."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from helpers.contrast import LEAST_CONTRAST, contrast_on_white
-from stiff_bench.figures import corrected_path, robot_picture, style, workspace
+from stiff_apply.figures import corrected_path
+from stiff_bench.figures import robot_picture, style, workspace
 
 
 def test_the_formula_gives_the_known_ratios_of_black_and_of_wcags_grey():

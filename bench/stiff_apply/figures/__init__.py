@@ -1,0 +1,1 @@
+"""Figures of corrected paths, postures and stiffness maps."""

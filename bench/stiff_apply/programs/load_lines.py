@@ -1,0 +1,57 @@
+"""Read the process loads of a program's targets from a table by line number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from stiff_apply.programs.program_file import RobotProgram
+from stiff_datasets.measured.row_checks import (
+    Problem,
+    cell_problem,
+    numbers_and_loads,
+    problems_error,
+    table_problems,
+    with_missing_columns,
+)
+from stiff_datasets.measured.sample_columns import TORQUE_COLUMNS, WRENCH_COLUMNS
+from stiff_datasets.measured.sheet_files import read_sheet
+from stiff_protocols.contract.types import FloatArray
+
+LINE_COLUMN = "line"
+
+
+def loads_by_line(file: Path, program: RobotProgram) -> FloatArray:
+    """Return the (n, 6) loads of a program's targets, N and N m.
+
+    Args:
+        file: CSV, Excel or Parquet with the columns line, fx_N, fy_N, fz_N and, if torques act,
+            tx_Nm, ty_Nm, tz_Nm; `line` is the number of the motion's line in the program, from 1.
+        program: the program with the targets.
+
+    Raises:
+        DataError: the file cannot be read, a value is invalid, a line has two loads, or a target
+            has no load.
+    """
+    sheet = read_sheet(file, None).with_standard_columns((LINE_COLUMN, *WRENCH_COLUMNS))
+    columns = (LINE_COLUMN, *WRENCH_COLUMNS)
+    if problems := table_problems(sheet, columns, TORQUE_COLUMNS):
+        raise problems_error(file, problems)
+    sheet = with_missing_columns(sheet, dict.fromkeys(TORQUE_COLUMNS, 0.0))
+    numbers, wrench, problems = numbers_and_loads(sheet, (LINE_COLUMN,))
+    lines, rows = np.unique(numbers[:, 0], return_index=True)
+    targets = {*program.lines.tolist()}
+    for row, line in enumerate(numbers[:, 0].tolist()):
+        if line == line and line not in targets:
+            valid = f"a line of {program.paths[0]} with a target"
+            problems.append(cell_problem(sheet, row, LINE_COLUMN, valid))
+        elif line == line and row not in rows:
+            problems.append(cell_problem(sheet, row, LINE_COLUMN, "each line once"))
+    if not problems and (missing := sorted(targets - {*lines.tolist()})):
+        text = f"no load for line {missing[0]} of {program.paths[0]}"
+        text += f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        problems = [Problem(text, f"a row for each of the {len(targets)} lines with a target")]
+    if problems:
+        raise problems_error(file, problems)
+    return np.asarray(wrench[rows[np.searchsorted(lines, program.lines)]])
