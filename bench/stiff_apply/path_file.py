@@ -13,11 +13,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pandas as pd
 
+from stiff_apply.tool_task import LoadFrame, frame_matrix, six_numbers
 from stiff_datasets.measured.load_file import interval_columns
 from stiff_datasets.measured.rotations import (
     euler_angles,
@@ -26,7 +26,6 @@ from stiff_datasets.measured.rotations import (
 )
 from stiff_datasets.measured.row_checks import (
     FULL_TURN_RAD,
-    MAX_NUMBER,
     NO_TORQUE,
     Problem,
     bound_problems,
@@ -48,7 +47,7 @@ from stiff_datasets.measured.sample_columns import (
 )
 from stiff_datasets.measured.sheet_files import Sheet, read_sheet, write_table
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot, frozen_array
+from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
 from stiff_protocols.paths.compensation import Compensation
 from stiff_protocols.paths.inverse import SINGULAR, Followed
 from stiff_protocols.paths.path import ToolPath
@@ -57,12 +56,10 @@ POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
 ANGLE_COLUMNS = ("a_deg", "b_deg", "c_deg")
 QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
 FRAME_COLUMN, BASE = "frame", "base"
-LoadFrame = Literal["base", "tool"]
 
 MIN_POSITION_MM = 10.0
 """No path has all of its points this near to the base; such a file holds metres."""
 MAX_POSITION_MM, MAX_ANGLE_DEG = 1e5, 1e4
-TCP_TOLERANCE_M = 1e-5
 QUATERNION_TOLERANCE = 1e-3
 """Tolerance of the length of a quaternion, which is 1."""
 
@@ -96,56 +93,6 @@ class PathTable:
     def pose_columns(self) -> str:
         """Names of the columns of the pose or the joint positions, for messages."""
         return ",".join(POSITION_COLUMNS) if self.q is None else "q1 and following"
-
-
-def frame_matrix(numbers: Sequence[float]) -> FloatArray:
-    """Return the (4, 4) pose, m, of x, y, z [mm], a, b, c [deg]."""
-    pose_numbers, pose = frozen_array(numbers, "x,y,z,a,b,c of a frame", (6,)), np.eye(4)
-    pose[:3, 3] = pose_numbers[:3] / MM_PER_M
-    (pose[:3, :3],) = euler_rotations("ZYX", pose_numbers[None, 3:])
-    return pose
-
-
-def six_numbers(load: Sequence[float]) -> tuple[float, ...]:
-    """Return a load of three forces, or of forces and torques, as six numbers, N and N m.
-
-    Raises:
-        ConfigError: it has another length, or a number is too large or NaN.
-    """
-    valid = "fx,fy,fz in N, or fx,fy,fz,tx,ty,tz in N and N m"
-    if len(load) not in (3, 6):
-        raise ConfigError(f"has {len(load)} numbers (valid: {valid})", "load")
-    for number in load:
-        if not abs(number) <= MAX_NUMBER:  # neither is nan
-            valid = f"numbers within +-{MAX_NUMBER:g} N and N m"
-            raise ConfigError(f"{number:g}: not a valid load (valid: {valid})", "load")
-    return (*load, 0.0, 0.0, 0.0)[:6]
-
-
-def tool_of(robot: Robot, tool: Sequence[float] | None) -> FloatArray:
-    """Return the (4, 4) tool frame in the last joint's frame, m.
-
-    Args:
-        robot: robot of the model, with its TCP.
-        tool: x, y, z [mm], a, b, c [deg] in the frame of the robot description's last link; None:
-            the robot's TCP with the orientation of the last link.
-
-    Raises:
-        ConfigError: the tool's point is not the robot's TCP, where a model predicts deflections.
-    """
-    pose = np.eye(4)
-    pose[:3, 3] = robot.tcp_on_flange
-    if tool is not None:
-        pose = frame_matrix(tool)
-        if np.abs(pose[:3, 3] - robot.tcp_on_flange).max() > TCP_TOLERANCE_M:
-            tcp = ",".join(f"{number:g}" for number in robot.tcp_on_flange * MM_PER_M)
-            raise ConfigError(
-                f"x,y,z of {','.join(f'{number:g}' for number in tool)} is not the TCP at "
-                f"which the model predicts deflections of {robot.name} (valid: {tcp} mm; for "
-                "another tool, fit a model with its --tcp)",
-                "tool",
-            )
-    return np.asarray(robot.flange @ pose)
 
 
 def read_path(

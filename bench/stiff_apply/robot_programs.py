@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiff_apply.expected_error import expected_error
-from stiff_apply.path_file import LoadFrame, frame_matrix, six_numbers
 from stiff_apply.programs.controller_poses import ProgramPoses, controller_of, program_poses
 from stiff_apply.programs.corrected_program import corrected_texts, shared_target_conflicts
 from stiff_apply.programs.corrected_targets import (
@@ -22,7 +21,8 @@ from stiff_apply.programs.joint_choice import SINGULAR, choose_joints
 from stiff_apply.programs.load_lines import loads_by_line
 from stiff_apply.programs.program_file import RobotProgram, write_texts
 from stiff_apply.programs.program_reader import read_program
-from stiff_apply.tool_paths import CorrectedPath, given_positions
+from stiff_apply.tool_paths import CorrectedPath
+from stiff_apply.tool_task import LoadFrame, ToolTask, frame_matrix, tool_task
 from stiff_bench.api.model import Model
 from stiff_bench.console import printable
 from stiff_bench.parameter_types import (
@@ -36,13 +36,11 @@ from stiff_bench.parameter_types import (
     Tolerance,
 )
 from stiff_bench.run.progress import display
-from stiff_bench.tables.picture_file import check_suffix
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.rows_beyond_training import extrapolation_details
 from stiff_datasets.measured.sample_columns import MM_PER_M
-from stiff_protocols.contract.errors import ConfigError, DataError, ModelError, unknown_name
-from stiff_protocols.contract.files import check_new_file
-from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
+from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
+from stiff_protocols.contract.types import BoolArray, FloatArray, TextArray
 from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M, Compensation
 
 if TYPE_CHECKING:
@@ -177,21 +175,20 @@ def compensate_program(
         StoreError: a file cannot be written, or exists.
     """
     file, output = Path(program), Path(output)
-    if frame not in ("base", "tool"):
-        raise unknown_name("frame", frame, ("base", "tool"))
-    model.check_fitted()
     if output.suffix.lower() != file.suffix.lower():
         raise ConfigError(f"{output}: use the extension of {file.name}", "output")
-    check_new_file(output)
-    if figure is not None:
-        check_suffix(Path(figure))
-        check_new_file(Path(figure))
-    model.check_coverage(coverage)
-    robot: Robot = model.fitted.robot_
     source = read_program(file)
     written = (output, *(output.with_suffix(path.suffix) for path in source.paths[1:]))
-    for companion in written[1:]:
-        check_new_file(companion)
+    task = tool_task(
+        model,
+        load=load,
+        frame=frame,
+        start=start,
+        coverage=coverage,
+        files=written,
+        figure=figure,
+    )
+    robot = task.robot
     poses = program_poses(
         source,
         robot,
@@ -199,8 +196,8 @@ def compensate_program(
         workpiece=None if workpiece is None else frame_matrix(workpiece),
     )
     with display():
-        position, rotation, q, problem, fits = _joints(source, robot, poses, model, start)
-        wrench = _wrenches(source, robot, poses, rotation, load, loads, frame)
+        position, rotation, q, problem, fits = _joints(source, task, poses)
+        wrench = _wrenches(source, task, poses, rotation, loads)
         targets = correct_targets(
             model.predict_at_tcp,
             robot,
@@ -261,22 +258,16 @@ def compensate_program(
 
 
 def _joints(
-    source: RobotProgram,
-    robot: Robot,
-    poses: ProgramPoses,
-    model: Model,
-    start: Sequence[float] | None,
+    source: RobotProgram, task: ToolTask, poses: ProgramPoses
 ) -> tuple[FloatArray, FloatArray, FloatArray, TextArray, BoolArray]:
     """Return position, rotation, joints, problems and configuration fits of the targets."""
+    robot = task.robot
     if robot.n_joints != 6:
         raise DataError(
             f"{source.paths[0]}: only programs of robots with six joints can be corrected; "
             f"{robot.name} has {robot.n_joints}"
         )
-    training_range = model.training_range
-    near = 0.5 * (training_range.lower + training_range.upper)
-    if start is not None:
-        near = given_positions(robot, start, "start")
+    near = task.near if task.start is None else task.start
     chosen = choose_joints(source, robot, poses.position, poses.rotation, poses.q, near)
     wrong = np.flatnonzero(
         (chosen.problem != "")
@@ -301,23 +292,21 @@ def _joints(
 
 def _wrenches(
     source: RobotProgram,
-    robot: Robot,
+    task: ToolTask,
     poses: ProgramPoses,
     rotation: FloatArray,
-    load: Sequence[float] | None,
     loads: Path | str | None,
-    frame: LoadFrame,
 ) -> FloatArray:
     """Return (n, 6) loads in the description's base frame, N and N m."""
-    if (load is None) == (loads is None):
+    if (task.load is None) == (loads is None):
         valid = "valid: fx,fy,fz[,tx,ty,tz] in N and N m, or a file of loads by line"
         raise ConfigError(f"needed once, for {counted(len(source), 'target')} ({valid})", "load")
-    if load is not None:
-        given = np.tile(six_numbers(load), (len(source), 1))
+    if loads is None:
+        given = np.tile(np.asarray(task.load), (len(source), 1))
     else:
-        given = loads_by_line(Path(str(loads)), source)
-    turn = np.broadcast_to(controller_of(robot).world[:3, :3], (len(source), 3, 3))
-    if frame == "tool":
+        given = loads_by_line(Path(loads), source)
+    turn = np.broadcast_to(controller_of(task.robot).world[:3, :3], (len(source), 3, 3))
+    if task.frame == "tool":
         turn = rotation @ poses.tools[source.frame_index][:, :3, :3]
     turned = np.einsum("nij,nkj->nki", turn, given.reshape(-1, 2, 3))
     return np.asarray(turned.reshape(-1, 6))

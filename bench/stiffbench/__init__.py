@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from stiff_apply.example_path import example_path as example_path
     from stiff_apply.postures import rank_postures as rank_postures
     from stiff_apply.robot_programs import compensate_program as compensate_program
-    from stiff_apply.stiffness_maps import StiffnessMap as StiffnessMap
-    from stiff_apply.stiffness_maps import stiffness_map as stiffness_map
+    from stiff_apply.stiffness_map import StiffnessMap as StiffnessMap
+    from stiff_apply.stiffness_map import stiffness_map as stiffness_map
     from stiff_apply.tool_paths import compensate_path as compensate_path
-    from stiff_apply.tool_paths import example_path as example_path
     from stiff_bench.api.data_sets import Dataset as Dataset
     from stiff_bench.api.data_sets import drilled_holes as drilled_holes
     from stiff_bench.api.data_sets import load_dataset as load_dataset

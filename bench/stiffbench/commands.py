@@ -72,11 +72,6 @@ def show_nothing(result: int) -> int:
     return result
 
 
-def show_report(result: Any) -> int:
-    """Print the report of a result."""
-    return show_text(result.report)
-
-
 def show_rows(result: int) -> int:
     """Print the number of written rows."""
     return show_text(f"{counted(result, 'row')} written")
@@ -586,7 +581,6 @@ COMMANDS = {
             "map",
             "stiffness_map",
             "--model my.stiff --load 0,0,-100 --plane xz --output map.png",
-            show=show_report,
         ),
         Command(
             "posture",

@@ -9,8 +9,7 @@ import pinocchio as pin
 import pytest
 
 from helpers.perf_case import OURS, ours_or_peer
-from stiff_apply.workspace_grid import plane_grid
-from stiff_apply.workspace_map import WorkspaceTask, mapped_points
+from stiff_apply.workspace import plane_grid, reached_poses
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray
@@ -118,26 +117,18 @@ def test_inverse(benchmark, who):
 LOAD = np.array([0.0, 0.0, -100.0, 0.0, 0.0, 0.0])
 
 
-def map_task() -> WorkspaceTask:
-    """Return a map's task: the KR10's deflection under 100 N, near one training pose."""
-    return WorkspaceTask(
-        robot=SHIPPED,
-        training_range=TrainingRange(READY, READY, 100.0, 0.0, READY[None], LOAD[None] / 100.0),
-        predict=our_way,
-        joint_compliance=COMPLIANCE,
-        tool=np.eye(3),
-        orientation=SHIPPED.forward(DOWN[None]).rotation[0],
-        load=LOAD,
-        in_tool_frame=False,
-        quantity="deflection",
-        axis=None,
-        held=np.full(6, np.nan),
-    )
+TRAINED = TrainingRange(READY, READY, 100.0, 0.0, READY[None], LOAD[None] / 100.0)
+TOOL_DOWN = SHIPPED.forward(DOWN[None]).rotation[0]
 
 
 def our_map(points: FloatArray) -> FloatArray:
     """Return each point's deflection in the one of eight configurations nearest to training."""
-    return mapped_points(map_task(), points[None]).values
+    q, blank = reached_poses(SHIPPED, points, TOOL_DOWN, TRAINED)
+    q, size = q[blank == ""], np.full(blank.size, np.nan)
+    wrench = np.tile(LOAD, (len(q), 1))
+    size[blank.ravel() == ""] = np.linalg.norm(our_way(q, wrench), axis=1)
+    TRAINED.extrapolates(q, wrench)
+    return size
 
 
 def pinocchio_map(points: FloatArray) -> FloatArray:
@@ -145,7 +136,7 @@ def pinocchio_map(points: FloatArray) -> FloatArray:
     rows = points.copy()
     rows[1::2] = rows[1::2, ::-1]
     flat = rows.reshape(-1, 3)
-    rotations = np.tile(map_task().orientation, (len(flat), 1, 1))
+    rotations = np.tile(TOOL_DOWN, (len(flat), 1, 1))
     wrench = np.tile(LOAD, (len(flat), 1))
     q = pinocchio_newton(ToolPath("map", flat, rotations, wrench))
     size = np.linalg.norm(pinocchio_loop()(q, wrench), axis=1).reshape(points.shape[:2])
@@ -156,8 +147,8 @@ def pinocchio_map(points: FloatArray) -> FloatArray:
 @pytest.mark.benchmark(group="Stiffness map of 10,000 points")
 @pytest.mark.parametrize("who", [OURS, PINOCCHIO])
 def test_map(benchmark, who):
-    (points,) = plane_grid("xz", np.zeros(1), MAP_REGION, 100)
-    (coarse,) = plane_grid("xz", np.zeros(1), MAP_REGION, 12)
+    points = plane_grid("xz", 0.0, MAP_REGION, 100)
+    coarse = plane_grid("xz", 0.0, MAP_REGION, 12)
     way = {OURS: our_map, PINOCCHIO: pinocchio_map}[who]
     np.testing.assert_allclose(way(coarse), pinocchio_map(coarse), rtol=1e-6)
     ours_or_peer(benchmark, who, {PINOCCHIO: 0.3}, work=PATH_POINTS, unit="point")

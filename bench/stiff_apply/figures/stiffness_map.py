@@ -1,8 +1,8 @@
-"""Stiffness map: values over workspace planes, with arm, load and extremes."""
+"""Stiffness map: values over a plane of the workspace, with arm, load and extremes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -32,11 +32,10 @@ LEAST_SHOWN = 0.2
 """Share of a force in the plane of the picture from which it is drawn as an arrow."""
 MARGIN_SHARE = 0.04
 """Empty space around the drawn points, as a share of the panel's longer side."""
-MOST_PANELS_IN_ROW = 3
+LEGEND_COLUMNS = 2
 MARKS = {"stiffest": "^", "softest": "s"}
 TITLE_INCH, LABEL_INCH, BAR_INCH, GAP_INCH, LINE_INCH = 0.2, 0.5, 0.42, 0.08, 0.17
-"""Room for a panel's title, for axis labels, the colour bar, between panels, a line of the legend.
-"""
+"""Room for the title, axis labels, the colour bar, at the panel, and a line of the legend."""
 TALLEST_PANEL = 1.4
 """Height of a panel over its width at most."""
 MAP_STYLE = style.STYLE | {"hatch.linewidth": 0.35}
@@ -44,8 +43,8 @@ SIGNED, UNSIGNED = "RdBu_r", "viridis_r"
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnPlane:
-    """The values of one plane.
+class MapContent:
+    """Values, marks and arm of a picture.
 
     Attributes:
         title: place of the plane.
@@ -54,6 +53,12 @@ class DrawnPlane:
         values: (n_rows, n_columns) values in the map's unit; NaN where blank.
         is_far: (n_rows, n_columns) true if a point is far from the training poses.
         is_jump: (n_rows, n_columns) true if a neighbour has another configuration.
+        marks: name from `MARKS` -> (2,) place of the marked point, mm, and its value.
+        axes: numbers of the horizontal and the vertical axis, base frame.
+        arm: (n, 3) base, joints and TCP at the stiffest point, base frame, mm.
+        force: (3,) force, N, base frame; zero for none.
+        label: quantity of the colours with its unit.
+        unit: unit of the values.
     """
 
     title: str
@@ -62,39 +67,7 @@ class DrawnPlane:
     values: FloatArray
     is_far: BoolArray
     is_jump: BoolArray
-
-
-@dataclass(frozen=True, eq=False)
-class MapMark:
-    """A point of a map that is marked.
-
-    Attributes:
-        panel: number of its plane.
-        place: (2,) along the horizontal and the vertical axis, mm.
-        value: value in the map's unit.
-    """
-
-    panel: int
-    place: FloatArray
-    value: float
-
-
-@dataclass(frozen=True, eq=False)
-class MapContent:
-    """Values, marks and arm of a picture.
-
-    Attributes:
-        planes: drawn planes; at least one.
-        marks: name from `MARKS` -> marked point.
-        axes: numbers of the horizontal and the vertical axis, base frame.
-        arm: (n, 3) base, joints and TCP at the stiffest point, base frame, mm.
-        force: (3,) force, N, base frame; zero for none.
-        label: quantity of the colours with its unit.
-        unit: unit of the values.
-    """
-
-    planes: Sequence[DrawnPlane]
-    marks: Mapping[str, MapMark]
+    marks: Mapping[str, tuple[FloatArray, float]]
     axes: tuple[int, int]
     arm: FloatArray
     force: FloatArray
@@ -103,7 +76,7 @@ class MapContent:
 
     @property
     def shows_force(self) -> bool:
-        """True if the plane of the panels shows a good part of the force."""
+        """True if the plane of the picture shows a good part of the force."""
         in_plane = float(np.linalg.norm(self.force[list(self.axes)]))
         return in_plane > LEAST_SHOWN * float(np.linalg.norm(self.force))
 
@@ -118,7 +91,7 @@ def stiffness_map_picture(content: MapContent, about: str, quantity: str, place:
 
     Args:
         content: values, marks and arm.
-        about: model, robot and load, above the panels.
+        about: model, robot and load, above the panel.
         quantity: mapped quantity with its load.
         place: planes and orientation of the tool.
     """
@@ -135,65 +108,47 @@ def stiffness_map_picture(content: MapContent, about: str, quantity: str, place:
 
 def _painted(content: MapContent) -> Figure:
     low, high = _limits(content)
-    n_columns = min(len(content.planes), MOST_PANELS_IN_ROW)
-    n_rows = -(-len(content.planes) // n_columns)
-    width = style.COLUMN_INCH if n_columns == 1 else style.PAGE_INCH
-    panel_inch = (width - LABEL_INCH) / n_columns - GAP_INCH
+    panel_inch = style.COLUMN_INCH - LABEL_INCH - GAP_INCH
     panel_inch *= min((high - low)[1] / (high - low)[0], TALLEST_PANEL)
     handles = _legend_handles(content)
-    legend_columns = 2 if n_columns == 1 else 3
-    legend_inch = LINE_INCH * -(-len(handles) // legend_columns)
-    height = n_rows * (panel_inch + TITLE_INCH) + LABEL_INCH + BAR_INCH + legend_inch
-    figure = style.new_figure(width, height)
-    panels = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True)
-    norm, colors, extend = _scale(content)
-    drawn: Any = None
-    for number, (axes, plane) in enumerate(zip(panels.flat, content.planes, strict=False)):
-        drawn = _draw_plane(axes, plane, norm, colors)
-        if number == content.marks["stiffest"].panel:
-            _draw_arm(axes, content, (high - low).max())
-        for name, mark in content.marks.items():
-            if mark.panel == number:
-                axes.plot(*mark.place, **_mark_look(name))
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        axes.set_title(plane.title, loc="left")
-        axes.locator_params(nbins=6)
-        axes.grid(False)
-    for axes in list(panels.flat)[len(content.planes) :]:
-        axes.remove()
+    legend_inch = LINE_INCH * -(-len(handles) // LEGEND_COLUMNS)
+    height = panel_inch + TITLE_INCH + LABEL_INCH + BAR_INCH + legend_inch
+    figure = style.new_figure(style.COLUMN_INCH, height)
+    axes = figure.add_subplot()
+    norm, colors, extend = _scale(content.values)
+    drawn = _draw_plane(axes, content, norm, colors)
+    _draw_arm(axes, content, (high - low).max())
+    for name, (place, _) in content.marks.items():
+        axes.plot(*place, **_mark_look(name))
     horizontal, vertical = (f"{AXES[axis]} [mm]" for axis in content.axes)
-    for axes in panels[-1]:
-        axes.set_xlabel(horizontal)
-    for axes in panels[:, 0]:
-        axes.set_ylabel(vertical)
-    style.name_panels(list(panels.flat)[: len(content.planes)])
-    long = 30 * n_columns
-    bar = figure.colorbar(drawn, ax=panels, extend=extend, location="bottom", aspect=long, pad=0.02)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.set(xlabel=horizontal, ylabel=vertical)
+    axes.set_title(content.title, loc="left")
+    axes.locator_params(nbins=6)
+    axes.grid(False)
+    bar = figure.colorbar(drawn, ax=axes, extend=extend, location="bottom", aspect=30, pad=0.02)
     bar.set_label(content.label)
     bar.outline.set_visible(False)
-    place: Any = "outside lower center"
-    figure.legend(handles=handles, loc=place, ncols=legend_columns)
+    below: Any = "outside lower center"
+    figure.legend(handles=handles, loc=below, ncols=LEGEND_COLUMNS)
     return figure
 
 
 def _limits(content: MapContent) -> tuple[FloatArray, FloatArray]:
-    """Return the (2,) lower and upper limits of all panels, mm: all values and the arm."""
-    places = [content.arm[:, content.axes]]
-    for plane in content.planes:
-        rows, columns = np.nonzero(~np.isnan(plane.values))
-        places.append(np.column_stack([plane.first[columns], plane.second[rows]]))
-    drawn = np.concatenate(places)
+    """Return the (2,) lower and upper limits of the panel, mm: all values and the arm."""
+    rows, columns = np.nonzero(~np.isnan(content.values))
+    values = np.column_stack([content.first[columns], content.second[rows]])
+    drawn = np.concatenate([content.arm[:, content.axes], values])
     low, high = drawn.min(axis=0), drawn.max(axis=0)
     room = MARGIN_SHARE * (high - low).max()
     return low - room, high + room
 
 
-def _scale(content: MapContent) -> tuple[Normalize, str, str]:
+def _scale(values: FloatArray) -> tuple[Normalize, str, str]:
     """Return colour scale, colour map name, and the cut end.
 
     Zero is in the middle for values of both signs.
     """
-    values = np.concatenate([plane.values.ravel() for plane in content.planes])
     values = values[~np.isnan(values)]
     lowest, highest = float(values.min()), float(values.max())
     if lowest < 0.0 < highest:
@@ -205,7 +160,7 @@ def _scale(content: MapContent) -> tuple[Normalize, str, str]:
     return Normalize(lowest, float(np.quantile(values, TOP_SHARE))), UNSIGNED, "max"
 
 
-def _draw_plane(axes: Axes, plane: DrawnPlane, norm: Normalize, colors: str) -> Any:
+def _draw_plane(axes: Axes, plane: MapContent, norm: Normalize, colors: str) -> Any:
     """Draw the values of a plane, its contours and the hatched part; return the colours."""
     grid = plane.first, plane.second
     look: dict[str, Any] = {"shading": "nearest", "rasterized": True, "zorder": 1.0}
@@ -251,8 +206,8 @@ def _mark_look(name: str) -> dict[str, Any]:
 def _legend_handles(content: MapContent) -> list[Any]:
     """Return the legend entries."""
     handles: list[Any] = [
-        Line2D([], [], **_mark_look(name), label=f"{name}, {mark.value:.3g} {content.unit}")
-        for name, mark in content.marks.items()
+        Line2D([], [], **_mark_look(name), label=f"{name}, {value:.3g} {content.unit}")
+        for name, (_, value) in content.marks.items()
     ]
     arm: dict[str, Any] = {"color": ARM_COLOR, "label": "arm at the stiffest point"}
     handles.append(Line2D([], [], linewidth=3.0, **arm))
@@ -262,7 +217,7 @@ def _legend_handles(content: MapContent) -> list[Any]:
             handles.append(Line2D([], [], color=FORCE_COLOR, linewidth=1.6, label=size))
         else:
             handles.append(Line2D([], [], linestyle="none", label=f"{size}, across the plane"))
-    if any(plane.is_far.any() for plane in content.planes):
+    if content.is_far.any():
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": HATCH_COLOR, "linewidth": 0.5}
         handles.append(Patch(hatch=HATCH * 2, label="far from the training poses", **look))
     return handles

@@ -17,7 +17,7 @@ from stiff_protocols.contract.types import BenchmarkData
 pytestmark = pytest.mark.xdist_group("screens")  # they share objects of a minute
 HOSTILE = "<script>$x$\x1b[2J[red]"
 MOST_LINES, WIDTH = 28, 100
-WIDE = ("path", "simulation", "checks")
+WIDE = ("path", "stiffness_map", "simulation", "checks")
 """Objects with sentences or file names in one line."""
 
 

@@ -10,8 +10,9 @@ import pytest
 from sklearn.model_selection import GroupKFold
 
 import stiffbench as sb
+from stiff_apply.example_path import example_path
 from stiff_apply.expected_error import UNKNOWN, expected_error
-from stiff_apply.tool_paths import compensate_path, example_path
+from stiff_apply.tool_paths import compensate_path
 from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import ConfigError, DataError

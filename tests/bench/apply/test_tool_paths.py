@@ -15,8 +15,10 @@ import stiffbench as sb
 from helpers.command_line import bench_here
 from helpers.made_robots import track_lines, tree_urdf
 from helpers.made_samples import samples_with
-from stiff_apply.path_file import read_path, tool_of
-from stiff_apply.tool_paths import compensate_path, example_path
+from stiff_apply.example_path import example_path
+from stiff_apply.path_file import read_path
+from stiff_apply.tool_paths import compensate_path
+from stiff_apply.tool_task import tool_of
 from stiff_datasets.robots.shipped_robots import shipped_robots
 from stiff_protocols.contract.errors import (
     ConfigError,

@@ -9,23 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
-from stiff_apply.path_file import (
-    POSITION_COLUMNS,
+from stiff_apply.path_file import POSITION_COLUMNS
+from stiff_apply.tool_task import (
+    LOAD_VALUES,
     LoadFrame,
+    ToolTask,
+    check_word,
     frame_matrix,
-    six_numbers,
-    tool_of,
+    tool_task,
 )
-from stiff_apply.reached_poses import BLANK_REASONS
-from stiff_apply.tool_paths import held_positions
-from stiff_apply.workspace_grid import PLANES, plane_grid, reach_box, reachable_region
-from stiff_apply.workspace_map import (
-    MAP_AXES,
-    QUANTITIES,
-    MappedPoints,
-    Quantity,
-    WorkspaceTask,
-    mapped_points,
+from stiff_apply.workspace import (
+    BLANK_REASONS,
+    PLANES,
+    plane_grid,
+    reach_box,
+    reachable_region,
+    reached_poses,
 )
 from stiff_bench.api.model import Model
 from stiff_bench.parameter_types import (
@@ -40,7 +39,7 @@ from stiff_bench.parameter_types import (
     Picture,
 )
 from stiff_bench.run.progress import display
-from stiff_bench.tables.picture_file import METADATA, check_suffix
+from stiff_bench.tables.picture_file import METADATA
 from stiff_bench.tables.units import MM
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_datasets.measured.sample_columns import (
@@ -54,13 +53,11 @@ from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
-    unknown_name,
     unsupported_extension,
     warn,
 )
-from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import Robot
-from stiff_protocols.contract.screen import Screen, ShownObject
+from stiff_protocols.contract.screen import printable
 from stiff_protocols.contract.types import (
     AXES,
     BoolArray,
@@ -69,13 +66,21 @@ from stiff_protocols.contract.types import (
     frozen_array,
 )
 from stiff_protocols.paths.inverse import JUMP
-from stiff_protocols.springs.cartesian_stiffness import cartesian_stiffness
+from stiff_protocols.springs.cartesian_stiffness import (
+    cartesian_compliance,
+    cartesian_stiffness,
+    largest_compliance,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from stiff_bench.figures.prepared_figure import Prepared
 
+Quantity = Literal["deflection", "compliance"]
+QUANTITIES: tuple[Quantity, ...] = ("deflection", "compliance")
+MAP_AXES = (*AXES, "tool")
+"""Directions of a component: axes of the base frame, and the tool's own z axis."""
 Extreme = Literal["stiffest", "softest"]
 EXTREMES: tuple[Extreme, ...] = ("stiffest", "softest")
 DOWN, DOWN_DEG = "down", tuple((angle, 0.0, 180.0) for angle in (0.0, 90.0, 180.0, -90.0))
@@ -86,11 +91,11 @@ LARGEST_MM = 1e5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StiffnessMap(ShownObject):
-    """Predicted deflections or compliances over parallel planes of the workspace.
+class StiffnessMap:
+    """Predicted deflections or compliances over a plane of the workspace.
 
-    The arrays have (n_planes, n_rows, n_columns) points: columns run along the plane's first axis,
-    rows along its second one.
+    The arrays have (n_rows, n_columns) points: columns run along the plane's first axis, rows along
+    its second one.
 
     Attributes:
         model_name: key of the model, with its options.
@@ -162,13 +167,12 @@ class StiffnessMap(ShownObject):
         The arm has another configuration there, or is close to a singularity.
         """
         jump = np.zeros(self.blank.shape, dtype=bool)
-        for axis in (1, 2):
-            far = np.abs(np.diff(self.q, axis=axis)).max(axis=-1, initial=0.0) > JUMP
-            ends = [(0, 0)] * 3
-            ends[axis] = (1, 0)
-            jump |= np.pad(far, ends)
-            ends[axis] = (0, 1)
-            jump |= np.pad(far, ends)
+        rows = np.abs(np.diff(self.q, axis=0)).max(axis=-1, initial=0.0) > JUMP
+        columns = np.abs(np.diff(self.q, axis=1)).max(axis=-1, initial=0.0) > JUMP
+        jump[1:] |= rows
+        jump[:-1] |= rows
+        jump[:, 1:] |= columns
+        jump[:, :-1] |= columns
         return jump
 
     @property
@@ -198,8 +202,8 @@ class StiffnessMap(ShownObject):
         stiffness[reached] = cartesian_stiffness(jacobian, self.joint_compliance)
         return stiffness
 
-    def extreme(self, kind: Extreme, *, near: bool = False) -> tuple[int, int, int]:
-        """Return the numbers of plane, row and column of the stiffest or softest point.
+    def extreme(self, kind: Extreme, *, near: bool = False) -> tuple[int, int]:
+        """Return the numbers of row and column of the stiffest or softest point.
 
         A component counts without its sign. `near` looks only at points that are not far from the
         training poses; at least one point must be left.
@@ -208,8 +212,8 @@ class StiffnessMap(ShownObject):
         if near:
             size = np.where(self.is_far, np.nan, size)
         place = np.nanargmin(size) if kind == "stiffest" else np.nanargmax(size)
-        plane, row, column = map(int, np.unravel_index(place, size.shape))
-        return plane, row, column
+        row, column = map(int, np.unravel_index(place, size.shape))
+        return row, column
 
     def extremes_text(self, *, near: bool = False) -> str:
         """Return the stiffest and softest points with values and positions."""
@@ -220,27 +224,18 @@ class StiffnessMap(ShownObject):
             texts.append(f"{kind} {self.values_in_unit[at]:.3g} {self.unit} at ({place}) mm")
         return ", ".join(texts)
 
-    @property
-    def answer(self) -> str:
-        """Return the stiffest and softest point, and numbers of reachable and far points."""
+    def __repr__(self) -> str:
+        """Return extremes, the mapped quantity, and reachable, far and blank points in words."""
         reached, far = self.is_reached, self.is_far
-        text = (
+        lines = [
             f"{self.extremes_text()}; {reached.sum():,} of {reached.size:,} points reachable, "
             f"{far.sum():,} of these far from the training poses"
-        )
-        if far.any() and (reached & ~far).any():
-            text += f"\nnear the training poses: {self.extremes_text(near=True)}"
-        return text
-
-    @property
-    def report(self) -> str:
-        """Return the answer, the mapped quantity and the number of blank points in words."""
-        lines = [
-            self.answer,
-            f"{self.model_name}, robot {self.robot.name}: {self.quantity_text}",
-            f"{self.place_text}; blank: {self.blank_text}",
         ]
-        return "\n".join(lines)
+        if far.any() and (reached & ~far).any():
+            lines.append(f"near the training poses: {self.extremes_text(near=True)}")
+        lines.append(f"{self.model_name}, robot {self.robot.name}: {self.quantity_text}")
+        lines.append(f"{self.place_text}; blank: {self.blank_text}")
+        return printable("\n".join(lines))
 
     @property
     def load_text(self) -> str:
@@ -266,31 +261,20 @@ class StiffnessMap(ShownObject):
 
     @property
     def place_text(self) -> str:
-        """Return the planes, their ends and the orientation of the tool in words."""
-        first, second, normal = PLANES[self.plane]
-        points = self.positions.reshape(-1, 3) * MM
-        levels = ", ".join(f"{level:.0f}" for level in self.positions[:, 0, 0, normal] * MM + 0.0)
-        ends = [
-            f"{AXES[axis]} {points[:, axis].min() + 0.0:.0f} to {points[:, axis].max() + 0.0:.0f}"
-            for axis in (first, second)
-        ]
-        n_planes, n_rows, n_columns = self.blank.shape
-        size = f"{n_columns} x {n_rows} points" + " each" * (n_planes > 1)
-        tool = f"tool a, b, c = {_numbers(self.tool_angles_deg)} deg"
-        return f"{self.plane} at {AXES[normal]} = {levels} mm, {', '.join(ends)} mm, {size}; {tool}"
+        """Return the plane, its ends and the orientation of the tool in words."""
+        return _place_text(self.plane, self.positions, self.tool_angles_deg)
 
     @property
     def blank_text(self) -> str:
         """Return the number of blank points by reason in words; "none" for no blank point."""
-        counts = {reason: int((self.blank == reason).sum()) for reason in BLANK_REASONS}
-        return ", ".join(f"{n:,} {reason}" for reason, n in counts.items() if n) or "none"
+        return _blank_text(self.blank)
 
     def frame(self) -> DataFrame:
         """Return a row per point: position, joints, value, deflection, in mm and deg."""
         import pandas as pd
 
         def rows(values: Any) -> Any:
-            return values.reshape(-1, *values.shape[self.blank.ndim :])
+            return values.reshape(-1, *values.shape[2:])
 
         columns = dict(zip(POSITION_COLUMNS, rows(self.positions).T * MM, strict=True))
         name = f"{self.quantity}_{self.axis}" if self.axis else self.quantity
@@ -303,39 +287,26 @@ class StiffnessMap(ShownObject):
         return numbers.assign(extrapolates=rows(self.extrapolates), blank=rows(self.blank))
 
     def plot(self) -> Prepared:
-        """Return the picture: the values over each plane, with the arm at the stiffest point."""
-        from stiff_apply.figures.stiffness_map import (
-            DrawnPlane,
-            MapContent,
-            MapMark,
-            arm_line,
-            stiffness_map_picture,
-        )
+        """Return the picture: the values over the plane, with the arm at the stiffest point."""
+        from stiff_apply.figures.stiffness_map import MapContent, arm_line, stiffness_map_picture
 
         first, second, normal = PLANES[self.plane]
         values, places = self.values_in_unit, self.positions * MM + 0.0
-        planes = [
-            DrawnPlane(
-                f"{AXES[normal]} = {points[0, 0, normal]:.0f} mm",
-                points[0, :, first],
-                points[:, 0, second],
-                values[number],
-                self.is_far[number],
-                self.is_jump[number],
-            )
-            for number, points in enumerate(places)
-        ]
-        marks: dict[str, MapMark] = {
-            kind: MapMark(at[0], places[at][[first, second]], float(values[at]))
-            for kind in EXTREMES
-            for at in [self.extreme(kind)]
-        }
         stiffest, force = self.extreme("stiffest"), self.load[:3]
         if self.load_frame == "tool":
             force = rotation_of(self.tool_angles_deg) @ force
         content = MapContent(
-            planes=planes,
-            marks=marks,
+            title=f"{AXES[normal]} = {places[0, 0, normal]:.0f} mm",
+            first=places[0, :, first],
+            second=places[:, 0, second],
+            values=values,
+            is_far=self.is_far,
+            is_jump=self.is_jump,
+            marks={
+                kind: (places[at][[first, second]], float(values[at]))
+                for kind in EXTREMES
+                for at in [self.extreme(kind)]
+            },
             axes=(first, second),
             arm=arm_line(self.robot, self.q[stiffest]),
             force=force if self.quantity == "deflection" else np.zeros(3),
@@ -346,23 +317,6 @@ class StiffnessMap(ShownObject):
         if self.quantity == "deflection":
             about += f", load {self.load_text}"
         return stiffness_map_picture(content, about, self.quantity_text, self.place_text)
-
-    def view(self) -> Screen:
-        """Return a screen with the mapped quantity, its extremes, and reachable and far points."""
-        reached, far = self.is_reached, self.is_far
-        facts = [
-            ("map", self.quantity_text),
-            ("plane", self.place_text),
-            ("all points", self.extremes_text()),
-        ]
-        if (reached & ~far).any():
-            facts.append(("near training", self.extremes_text(near=True)))
-        facts += [
-            ("reachable", f"{reached.sum():,} of {reached.size:,} points"),
-            ("far", f"{far.sum():,} of these, from the training poses"),
-            ("blank", self.blank_text),
-        ]
-        return Screen(f"Stiffness map of {self.model_name}, robot {self.robot.name}", facts)
 
 
 def stiffness_map(
@@ -416,74 +370,84 @@ def stiffness_map(
         DataError: the robot reaches no point.
         StoreError: a file cannot be written, or exists.
     """
-    model.check_fitted()
-    valid_axes = (*MAP_AXES, *[None] * (axis is None))
     for kind, word, valid in (
         ("quantity", quantity, QUANTITIES),
-        ("axis", axis, valid_axes),
+        ("axis", axis, (*MAP_AXES, *[None] * (axis is None))),
         ("plane", plane, PLANES),
-        ("frame", frame, ("base", "tool")),
     ):
-        if word not in valid:
-            raise unknown_name(kind, str(word), [str(name) for name in valid])
+        check_word(kind, word, [*valid])
     files = [Path(file) for file in (output, figure) if file is not None]
-    _check_files(files, figure)
-    fitted = model.fitted
-    robot: Robot = fitted.robot_
-    held = held_positions(robot, hold or {})
-    springs = fitted.springs_.compliance if type(fitted) is VirtualJointModel else None
-    if quantity == "compliance" and springs is None:
-        raise ConfigError(f"compliance requires the model vjm, not {model.name}", "quantity")
-
-    training_range, tool_frame = model.training_range, tool_of(robot, tool)[:3, :3]
-    angles = _tool_angles(orientation, robot, tool_frame, training_range.poses)
-    task = WorkspaceTask(
-        robot=robot,
-        training_range=training_range,
-        predict=model.predict_at_tcp,
-        joint_compliance=springs,
-        tool=tool_frame,
-        orientation=rotation_of(angles),
-        load=_load(load, quantity),
-        in_tool_frame=frame == "tool",
-        quantity=quantity,
-        axis=axis,
-        held=held,
+    _check_extensions(files)
+    task = tool_task(
+        model, tool=tool, load=load, frame=frame, hold=hold, files=(output,), figure=figure
     )
+    robot, held, fitted = task.robot, task.held(), model.fitted
+    springs: FloatArray | None = None
+    if type(fitted) is VirtualJointModel:
+        springs = fitted.springs_.compliance
+    elif quantity == "compliance":
+        raise ConfigError(f"compliance requires the model vjm, not {model.name}", "quantity")
+    if quantity == "deflection" and (task.load is None or not task.load.any()):
+        reason = "is missing" if task.load is None else "is zero, and so is every deflection"
+        raise ConfigError(f"{reason}: give {LOAD_VALUES}, or quantity compliance", "load")
+
+    training_range = model.training_range
+    angles = _tool_angles(orientation, task)
+    rotation = rotation_of(angles) @ task.tool[:3, :3].T
+    wrench = task.in_base(np.zeros(6) if task.load is None else task.load, rotation[None])
     region = None if box is None else _box(box, plane)
-    levels = _levels(at, region, plane, task)
+    level = _level(at, region, plane, task)
+
+    def reached(points: FloatArray) -> tuple[FloatArray, TextArray]:
+        return reached_poses(robot, points, rotation, training_range, held)
+
     with display():
         if region is None:
-            reach = reach_box(robot, held)
-            region = reachable_region(plane, levels, reach, task.are_reached)
-        positions = plane_grid(plane, levels, region, grid)
-        mapped = mapped_points(task, positions)
-    shape = positions.shape[:-1]
-    parts = {key: part.reshape(*shape, *part.shape[1:]) for key, part in vars(mapped).items()}
-    vectors = parts.pop("vectors")
-    is_deflection = quantity == "deflection"
+            region = reachable_region(
+                plane, level, reach_box(robot, held), lambda points: reached(points)[1] == ""
+            )
+        positions = plane_grid(plane, level, region, grid)
+        q, blank = reached(positions)
+        rows = blank == ""
+        if not rows.any():
+            raise DataError(
+                f"{robot.name} reaches no point of {_place_text(plane, positions, angles)}: "
+                f"{_blank_text(blank)} (try another --orientation, --at or --box)"
+            )
+        loads = np.tile(wrench, (int(rows.sum()), 1))
+        if quantity == "deflection" or springs is None:
+            vectors = model.predict_at_tcp(q[rows], loads)
+        else:
+            vectors = cartesian_compliance(robot.jacobian(q[rows])[:, :3], springs)
+        words = training_range.extrapolates(q[rows], loads)
+
+    def over_plane(values: FloatArray) -> FloatArray:
+        every = np.full((*blank.shape, *values.shape[1:]), np.nan)
+        every[rows] = values
+        return every
+
+    extrapolates = np.full(blank.shape, "", dtype="<U32")
+    extrapolates[rows] = words
     new_map = StiffnessMap(
         model_name=model.name,
         robot=robot,
         plane=plane,
         quantity=quantity,
         axis=axis,
-        load=task.load,
+        load=np.zeros(6) if task.load is None else task.load,
         load_frame=frame,
         positions=positions,
         tool_angles_deg=angles,
-        deflections=vectors if is_deflection else None,
-        compliance=None if is_deflection else vectors,
+        q=q,
+        deflections=over_plane(vectors) if quantity == "deflection" else None,
+        compliance=over_plane(vectors) if quantity == "compliance" else None,
+        values=over_plane(_component(vectors, axis, rotation_of(angles))),
+        blank=blank,
+        extrapolates=extrapolates,
         joint_compliance=springs,
-        **parts,
     )
-    reached = new_map.is_reached
-    if not reached.any():
-        hint = "try another --orientation, --at or --box"
-        raise DataError(
-            f"{robot.name} reaches no point of {new_map.place_text}: {new_map.blank_text} ({hint})"
-        )
-    _warn_extrapolation(new_map, task, mapped)
+    if text := extrapolation_warning(training_range, robot, q[rows], loads, words):
+        warn(f"{text}; see the column extrapolates")
     for file in files:
         if file.suffix.lower() in METADATA:
             new_map.plot().save(file)
@@ -492,35 +456,53 @@ def stiffness_map(
     return new_map
 
 
-def _check_files(files: Sequence[Path], figure: Path | str | None) -> None:
-    """Check that files to write are new and have a known extension."""
-    tables = (".csv", PARQUET)
+def _component(vectors: FloatArray, axis: str | None, orientation: FloatArray) -> FloatArray:
+    """Return the (n,) mapped quantity of (n, 3) deflections or (n, 3, 3) compliances.
+
+    Args:
+        vectors: m or m/N, base frame.
+        axis: of `MAP_AXES`; None: the length, or the largest principal compliance.
+        orientation: (3, 3) of the tool frame in the base frame.
+    """
+    is_deflection = vectors.ndim == 2
+    if axis is None:
+        lengths = np.linalg.norm(vectors, axis=1) if is_deflection else largest_compliance(vectors)
+        return np.asarray(lengths)
+    along = np.column_stack([np.eye(3), orientation[:, 2]])[:, MAP_AXES.index(axis)]
+    values = vectors @ along
+    return np.asarray(values if is_deflection else values @ along)
+
+
+def _place_text(plane: str, positions: FloatArray, angles: FloatArray) -> str:
+    first, second, normal = PLANES[plane]
+    points = positions.reshape(-1, 3) * MM + 0.0
+    ends = ", ".join(
+        f"{AXES[axis]} {points[:, axis].min():.0f} to {points[:, axis].max():.0f}"
+        for axis in (first, second)
+    )
+    n_rows, n_columns = positions.shape[:2]
+    return (
+        f"{plane} at {AXES[normal]} = {points[0, normal]:.0f} mm, {ends} mm, "
+        f"{n_columns} x {n_rows} points; tool a, b, c = {_numbers(angles)} deg"
+    )
+
+
+def _blank_text(blank: TextArray) -> str:
+    counts = {reason: int((blank == reason).sum()) for reason in BLANK_REASONS}
+    return ", ".join(f"{n:,} {reason}" for reason, n in counts.items() if n) or "none"
+
+
+def _check_extensions(files: Sequence[Path]) -> None:
+    """Check that files to write differ and have a known extension."""
+    valid = (".csv", PARQUET, *METADATA)
     for file in files:
-        if file.suffix.lower() not in (*tables, *METADATA):
-            raise unsupported_extension(file, (*tables, *METADATA), "output")
-        check_new_file(file)
-    if figure is not None:
-        check_suffix(Path(figure))
+        if file.suffix.lower() not in valid:
+            raise unsupported_extension(file, valid, "output")
     if len({file.resolve() for file in files}) < len(files):
         raise ConfigError(f"{files[0]} is also the output; give another name", "figure")
 
 
-def _load(load: Sequence[float] | None, quantity: Quantity) -> FloatArray:
-    """Return the (6,) load, N and N m, from three or six numbers."""
-    valid = "fx,fy,fz in N, or fx,fy,fz,tx,ty,tz in N and N m"
-    if load is None:
-        if quantity == "deflection":
-            raise ConfigError(f"is missing: give {valid}, or quantity compliance", "load")
-        return np.zeros(6)
-    wrench = np.array(six_numbers(load))
-    if quantity == "deflection" and not wrench.any():
-        raise ConfigError(f"is zero, and so is every deflection (valid: {valid})", "load")
-    return wrench
-
-
-def _tool_angles(
-    orientation: Sequence[float] | str, robot: Robot, tool: FloatArray, training_q: FloatArray
-) -> FloatArray:
+def _tool_angles(orientation: Sequence[float] | str, task: ToolTask) -> FloatArray:
     """Return the (3,) angles a, b, c [deg] of the tool frame in the base frame.
 
     For "down" they are the angles nearest to the training poses.
@@ -532,7 +514,8 @@ def _tool_angles(
         return frozen_array(orientation, "orientation", (3,))
     if orientation != DOWN:
         raise ConfigError(f"{orientation!r} (valid: {valid})", "orientation")
-    training = (robot.forward(training_q).rotation @ tool).sum(axis=0)
+    poses = task.robot.forward(task.model.training_range.poses)
+    training = (poses.rotation @ task.tool[:3, :3]).sum(axis=0)
     closeness = [round(float((training * rotation_of(angles)).sum()), 9) for angles in DOWN_DEG]
     return np.array(DOWN_DEG[int(np.argmax(closeness))])
 
@@ -556,30 +539,17 @@ def _box(box: Sequence[float], plane: str) -> FloatArray:
     return ends / MM_PER_M
 
 
-def _levels(
-    at: float | None, region: FloatArray | None, plane: str, task: WorkspaceTask
-) -> FloatArray:
-    """Return the (1,) position of the plane on its normal, m."""
+def _level(at: float | None, region: FloatArray | None, plane: str, task: ToolTask) -> float:
+    """Return the place of the plane on its normal, m."""
     normal = PLANES[plane][2]
     if at is not None:
         if not abs(at) <= LARGEST_MM:
             raise ConfigError(f"{at} (valid: a number up to {LARGEST_MM:.0f} mm)", "at")
-        return np.array([at / MM_PER_M])
+        return at / MM_PER_M
     if region is not None:
-        return np.array([region[normal].mean()])
-    training = task.robot.tcp_position(task.training_range.poses)[:, normal]
-    return np.array([np.rint(np.median(training) / LEVEL_M) * LEVEL_M])
-
-
-def _warn_extrapolation(new_map: StiffnessMap, task: WorkspaceTask, mapped: MappedPoints) -> None:
-    """Warn about points far from the training samples, with numbers."""
-    rows = mapped.blank == ""
-    wrench = np.tile(task.wrench, (int(rows.sum()), 1))
-    words = mapped.extrapolates[rows].tolist()
-    text = extrapolation_warning(task.training_range, new_map.robot, mapped.q[rows], wrench, words)
-    if text:
-        message = f"{text}; see the column extrapolates"
-        warn(message, stacklevel=3)
+        return float(region[normal].mean())
+    training = task.robot.tcp_position(task.model.training_range.poses)[:, normal]
+    return float(np.rint(np.median(training) / LEVEL_M) * LEVEL_M)
 
 
 def _numbers(values: FloatArray) -> str:

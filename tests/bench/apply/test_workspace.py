@@ -1,4 +1,4 @@
-"""Check grids of the workspace, and the configurations and predictions at their points."""
+"""Check grids of the workspace, and the configurations at their points."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.made_robots import planar_arm, seven_joint_arm
-from stiff_apply.grid_configurations import grid_configurations
-from stiff_apply.reached_poses import reached_poses
-from stiff_apply.workspace_grid import plane_grid, reach_box
-from stiff_apply.workspace_map import WorkspaceTask, mapped_points
+from stiff_apply.workspace import grid_configurations, plane_grid, reach_box, reached_poses
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.paths.inverse import all_configurations, is_singular
@@ -30,12 +27,7 @@ def trained_at(q):
 
 @pytest.fixture(scope="module")
 def grid():
-    return plane_grid("xz", np.array([0.1]), REGION, 21)[0]
-
-
-@pytest.fixture(scope="module")
-def coarse_grid():
-    return plane_grid("xz", np.array([0.1]), REGION, 9)[0]
+    return plane_grid("xz", 0.1, REGION, 21)
 
 
 @pytest.fixture(scope="module")
@@ -49,13 +41,13 @@ def rotation(kr10):
     return kr10.forward(READY[None]).rotation[0]
 
 
-def test_a_grid_lies_in_its_planes_with_square_cells():
+def test_a_grid_lies_in_its_plane_with_square_cells():
     region = np.array([[0.0, 2.0], [-1.0, 1.0], [0.5, 1.5]])
-    points = plane_grid("yz", np.array([0.3, 0.6]), region, 5)
-    assert points.shape == (2, 3, 5, 3)
-    np.testing.assert_allclose(points[..., 0], np.broadcast_to([[[0.3]], [[0.6]]], (2, 3, 5)))
-    np.testing.assert_allclose(np.diff(points[0, 0, :, 1]), 0.5)
-    np.testing.assert_allclose(np.diff(points[0, :, 0, 2]), 0.5)
+    points = plane_grid("yz", 0.3, region, 5)
+    assert points.shape == (3, 5, 3)
+    np.testing.assert_allclose(points[..., 0], 0.3)
+    np.testing.assert_allclose(np.diff(points[0, :, 1]), 0.5)
+    np.testing.assert_allclose(np.diff(points[:, 0, 2]), 0.5)
 
 
 def test_the_reach_of_a_planar_arm_is_its_length():
@@ -80,7 +72,7 @@ def test_waves_find_all_that_random_seeds_find_at_every_point(kr10, grid, rotati
 
 def test_the_edge_of_the_reach_is_a_sphere_about_the_shoulder(kr10, rotation):
     region = np.array([[0.0, 1.6], [0.0, 0.0], [-1.0, 1.6]])
-    points = plane_grid("xz", np.array([0.0]), region, 53)[0]
+    points = plane_grid("xz", 0.0, region, 53)
     q = grid_configurations(kr10, points, rotation, FREE)
     reached = ~np.isnan(q[:, 0, 0])
     pose = kr10.forward(q[reached, 0])
@@ -96,12 +88,13 @@ def test_the_edge_of_the_reach_is_a_sphere_about_the_shoulder(kr10, rotation):
 def test_the_nearest_configuration_inside_the_limits_is_taken(kr10, grid, rotation, grid_q):
     upright, bent = READY, READY + np.radians([0.0, 30.0, -40.0, 180.0, -100.0, 180.0])
     for pose in (upright, bent):
-        poses = reached_poses(kr10, grid, rotation, trained_at(np.stack([pose, pose])))
-        q = poses.q[poses.reached]
-        assert (poses.blank[~poses.reached] != "").all() and np.isnan(poses.q[~poses.reached]).all()
+        all_rows_q, blank = reached_poses(kr10, grid, rotation, trained_at(np.stack([pose, pose])))
+        reached = blank == ""
+        q = all_rows_q[reached]
+        assert np.isnan(all_rows_q[~reached]).all()
         assert ((q >= kr10.lower - 1e-5) & (q <= kr10.upper + 1e-5)).all()
         assert not is_singular(kr10, q, np.isnan(FREE)).any()
-        all_q = grid_q[poses.reached]
+        all_q = grid_q[reached.ravel()]
         inside = ((all_q >= kr10.lower) & (all_q <= kr10.upper)).all(axis=2)
         distances = np.where(inside, np.linalg.norm(all_q - pose, axis=2), np.inf)
         assert (np.linalg.norm(q - pose, axis=1) <= distances.min(axis=1) + 1e-5).all()
@@ -110,43 +103,11 @@ def test_the_nearest_configuration_inside_the_limits_is_taken(kr10, grid, rotati
 def test_points_are_blank_for_a_stated_reason(kr10, rotation):
     narrow_robot = replace(kr10, lower=np.radians([-5.0, -190, -120, -185, -120, -350]))
     narrow_robot = replace(narrow_robot, upper=np.radians([5.0, 45, 156, 185, 120, 350]))
-    grid = plane_grid("xy", np.array([0.5]), np.array([[-1.0, 3.0], [-0.5, 0.5], [0, 0]]), 17)[0]
-    blank = reached_poses(narrow_robot, grid, rotation, trained_at(READY[None])).blank.reshape(
-        5, 17
-    )
+    grid = plane_grid("xy", 0.5, np.array([[-1.0, 3.0], [-0.5, 0.5], [0, 0]]), 17)
+    _, blank = reached_poses(narrow_robot, grid, rotation, trained_at(READY[None]))
     assert blank[2, 16] == "out of reach"  # at x = 3 m
     assert blank[4, 7] == "joint limits"  # joint 1 would turn by 34 deg
     assert blank[2, 7] == ""  # straight ahead
-
-
-def task_of(robot, **options):
-    defaults = {
-        "robot": robot,
-        "training_range": trained_at(READY[None]),
-        "predict": lambda q, wrench: robot.joint_deflection(np.full(6, 1e-5), q, wrench),
-        "joint_compliance": np.full(6, 1e-5),
-        "tool": robot.flange[:3, :3],
-        "orientation": np.diag([-1.0, 1.0, -1.0]),
-        "load": np.array([0.0, 0.0, -100.0, 0.0, 0.0, 0.0]),
-        "in_tool_frame": False,
-        "quantity": "deflection",
-        "axis": None,
-        "held": FREE,
-    }
-    return WorkspaceTask(**(defaults | options))
-
-
-def test_the_tool_has_its_orientation_at_every_point(kr10, coarse_grid):
-    task = task_of(kr10)
-    q = mapped_points(task, coarse_grid[None]).q
-    q = q[~np.isnan(q[:, 0])]
-    rotations = kr10.forward(q).rotation @ kr10.flange[:3, :3]
-    np.testing.assert_allclose(rotations, np.tile(task.orientation, (len(q), 1, 1)), atol=1e-7)
-
-
-def test_a_load_in_the_tool_frame_has_its_orientation(kr10):
-    task = task_of(kr10, load=np.array([10.0, 0, 5.0, 0, 2.0, 0]), in_tool_frame=True)
-    np.testing.assert_allclose(task.wrench, [-10.0, 0, -5.0, 0, 2.0, 0], atol=1e-12)
 
 
 def test_an_arm_of_seven_joints_is_mapped_with_one_joint_held():
@@ -154,9 +115,9 @@ def test_an_arm_of_seven_joints_is_mapped_with_one_joint_held():
     ready = np.array([[0.1, 0.6, 0.3, -1.2, 0.2, 0.8, 0.3]])
     points = robot.tcp_position(ready)[0] + np.linspace(0.02, 0.1, 5)[:, None, None] * [1.0, 0, 0]
     rotation = robot.forward(ready).rotation[0]
-    poses = reached_poses(robot, points, rotation, trained_at(ready), held)
-    assert poses.reached.all()
-    np.testing.assert_array_equal(poses.q[:, 2], 0.3)
-    np.testing.assert_allclose(robot.tcp_position(poses.q), points[:, 0], atol=1e-7)
+    q, blank = reached_poses(robot, points, rotation, trained_at(ready), held)
+    assert (blank == "").all()
+    np.testing.assert_array_equal(q[..., 2], 0.3)
+    np.testing.assert_allclose(robot.tcp_position(q[:, 0]), points[:, 0], atol=1e-7)
     with pytest.raises(DataError, match="7 joints move"):
         reached_poses(robot, points, rotation, trained_at(ready))
