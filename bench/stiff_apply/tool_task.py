@@ -18,7 +18,7 @@ from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.types import FloatArray, frozen_array
-from stiff_protocols.paths.inverse import joint_number
+from stiff_protocols.paths.inverse import held_position, joint_number
 
 LoadFrame = Literal["base", "tool"]
 LOAD_VALUES = "fx,fy,fz in N, or fx,fy,fz,tx,ty,tz in N and N m"
@@ -193,34 +193,28 @@ def held_positions(
         ConfigError: the free joints of a larger robot are not six, a joint is unknown, or a value
             is missing or beyond the joint's limits.
     """
-    held, factors = np.full(robot.n_joints, np.nan), file_units(robot)
-    units = ["deg" if turns else "mm" for turns in robot.turns]
+    held = np.full(robot.n_joints, np.nan)
     try:
-        numbers = {name: joint_number(robot, name) for name in hold}
+        numbers = {name: joint_number(robot.joint_names, name) for name in hold}
     except ConfigError as error:
         raise ConfigError(str(error), "hold") from error
     spare = max(robot.n_joints - 6, 0)
     if hold and not spare:
         raise ConfigError(f"{', '.join(hold)}: {robot.name} has no joint to hold", "hold")
     if not len({*numbers.values()}) == len(hold) == spare:
-        pairs = zip(robot.joint_names, units, strict=True)
-        joints = ", ".join(f"{name} [{unit}]" for name, unit in pairs)
+        pairs = zip(robot.joint_names, robot.turns, strict=True)
+        joints = ", ".join(f"{name} [{'deg' if turns else 'mm'}]" for name, turns in pairs)
         raise ConfigError(
             f"{', '.join(hold) or 'none'} (valid: {spare} of {joints}, each once as JOINT=VALUE; "
             f"a pose of the tool determines the other joints of {robot.name})",
             "hold",
         )
     for name, number in numbers.items():
-        value, unit = hold[name], units[number]
-        low, high = factors[number] * robot.lower[number], factors[number] * robot.upper[number]
-        if value is not None:
-            if not low <= value <= high:
-                raise ConfigError(f"{name}={value:g} (valid: {low:g}..{high:g} {unit})", "hold")
-            held[number] = value / factors[number]
-        elif path_positions is not None:
+        if hold[name] is None and path_positions is not None:
             held[number] = path_positions[number]
         else:
-            raise ConfigError(f"{name}: the value is missing; use {name}=VALUE, in {unit}", "hold")
+            limits = float(robot.lower[number]), float(robot.upper[number])
+            held[number] = held_position(name, hold[name], robot.turns[number], *limits)
     return held
 
 

@@ -15,7 +15,15 @@ from typing import Annotated, Any, Literal
 import stiffbench as sb
 from stiff_bench.api import RESULTS
 from stiff_bench.console import SCREEN
-from stiff_bench.parameter_types import Bounds, Bytes, FilePath, Folder, Form, Point
+from stiff_bench.parameter_types import (
+    Bounds,
+    Bytes,
+    FilePath,
+    Folder,
+    Form,
+    HeldJoints,
+    Point,
+)
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
@@ -36,6 +44,8 @@ def name_robot(
     robot: str | None = None,
     urdf: FilePath | None = None,
     tip: str | None = None,
+    base: str | None = None,
+    hold: HeldJoints | None = None,
     tcp: Point | None = None,
 ) -> sb.Robot | None:
     """Return the named robot; None without any option.
@@ -46,15 +56,19 @@ def name_robot(
         urdf: URDF of your own robot, in place of --robot.
         tip: last link of the robot in the URDF; by default the end of the longest chain, without
             fingers.
+        base: first link of the robot in the URDF, and the base frame; by default the URDF's.
+        hold: joint of the URDF that does not move, such as a rail, at a value in deg or mm, by name
+            or number (rail, J3, 3); may be repeated.
         tcp: tool centre point in the frame of the last link, in m; by default the shipped robot's,
             or 0,0,0 with --urdf.
     """
     if urdf is not None:
         if robot is not None:
             raise ConfigError(f"{robot} and --urdf {urdf}: give only one of them", "robot")
-        return sb.read_robot(urdf, tcp=tcp, tip=tip)
-    if tip is not None:
-        raise ConfigError(f"{tip} requires --urdf", "tip")
+        return sb.read_robot(urdf, tcp=tcp, tip=tip, base=base, hold=hold)
+    for option, value in (("tip", tip), ("base", base), ("hold", ", ".join(hold or ()))):
+        if value:
+            raise ConfigError(f"{value} requires --urdf", option)
     if robot is not None:
         return sb.load_robot(robot, tcp=tcp)
     if tcp is not None:
@@ -83,7 +97,8 @@ def find_dataset(
     if robot is not None or options != DEFAULTS or path.is_file():
         raise ConfigError(
             f"{key}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
-            "--robot, --urdf, --tip, --tcp, --no-torque, --sheet, --pose-tolerance or --register)"
+            "--robot, --urdf, --tip, --base, --hold, --tcp, --no-torque, --sheet, --pose-tolerance "
+            "or --register)"
         )
     return sb.Dataset(chosen_dataset(key, settings, registry()))
 

@@ -137,6 +137,9 @@ class Option:
             except ValueError:
                 valid = self.form.valid or self.form.name
                 raise ConfigError(f"{self.word} {token.value!r} (valid: {valid})") from None
+        if Mapping in self.types and len(values) > len(dict(values)):
+            names = [name for name, _ in values]
+            raise ConfigError(f"{self.word} {max(names, key=names.count)}: given twice")
         return values if self.is_repeated else values[0]
 
 
@@ -181,11 +184,12 @@ class CommandFunction:
             parsed = parse(inspect.getdoc(source) or "").params
             texts |= {part.arg_name: " ".join((part.description or "").split()) for part in parsed}
         for source in (function, *documented):
-            for option in _options_of(source, texts, {*without, *self.all_options(), *self.makers}):
-                if (maker := option.maker) is None:
-                    self.options[option.name] = option
-                else:
-                    made = CommandFunction(maker, without=without)
+            given_names = {*without, *self.all_options(), *self.makers}
+            options = _options_of(source, texts, given_names)
+            self.options |= {option.name: option for option in options if option.maker is None}
+            for option in options:
+                if (maker := option.maker) is not None:
+                    made = CommandFunction(maker, without={*without, *self.options})
                     self.makers[option.name] = made, option.default is not REQUIRED
 
     def all_options(self) -> dict[str, Option]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import shlex
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from stiff_bench.api.robots import load_robot, read_robot, robot_words, shipped_name
-from stiff_bench.parameter_types import Form, Point
+from stiff_bench.parameter_types import Form, HeldJoints, Point
 from stiff_bench.plan.options import Choice
 from stiff_bench.tables.dataset_facts import card_text
 from stiff_bench.tables.units import counted
@@ -58,6 +58,8 @@ def register(
     robot: str | None = None,
     urdf: Path | None = None,
     tip: str | None = None,
+    base: str | None = None,
+    hold: HeldJoints | None = None,
     tcp: Point | None = None,
     licence: Annotated[str, Form("TEXT")] | None = None,
     citation: Annotated[str, Form("TEXT")] | None = None,
@@ -76,6 +78,9 @@ def register(
         urdf: URDF of your own robot, in place of `robot`.
         tip: last link of the robot in the URDF; by default the end of the longest chain, without
             fingers.
+        base: first link of the robot in the URDF, and the base frame; by default the URDF's.
+        hold: joint of the URDF that does not move, such as a rail, at a value in deg or mm, by name
+            or number (rail, J3, 3); may be repeated.
         tcp: (3,) tool centre point in the frame of the last link, in m; by default the shipped
             robot's, or 0,0,0 with `urdf`.
         licence: SPDX identifier or URL, for a new card.
@@ -89,7 +94,8 @@ def register(
     """
     csv, given = file, {"Licence": licence, "Citation": citation, "Source": source}
     facts = {row: text for row, text in given.items() if text}
-    measured_robot = _robot_of(csv, dataset, robot, urdf, tip, tcp)
+    of_urdf = {"tip": tip, "base": base, "hold": hold}
+    measured_robot = _robot_of(csv, dataset, robot, urdf, of_urdf, tcp)
     samples = read_samples(csv, measured_robot, options)
     data = BenchmarkData(samples, measured_robot)
     card, is_new = card_file(csv), not earlier_card(csv)
@@ -108,7 +114,11 @@ def register(
     lines = [f"{csv}: {counted(len(samples), 'sample')} of {measured_robot.name}"]
     lines[0] += _verdict(csv, measured_robot, options)
     if dataset is not None:
-        lines.append(_name_file(dataset, csv, urdf, tip, tcp, options))
+        default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
+        x, y, z = default if tcp is None else tcp
+        place = kr10_measured.register(dataset, csv, urdf, (x, y, z), options, **of_urdf)
+        use = f"bench run --dataset {dataset}"
+        lines.append(f"{dataset}: named in {place}; use it with: {use}")
     if reason:
         return Text("\n".join([*lines, f"no descriptors: {reason}"]))
     if is_new:
@@ -125,7 +135,7 @@ def _robot_of(
     dataset: str | None,
     robot: str | None,
     urdf: Path | None,
-    tip: str | None,
+    of_urdf: Mapping[str, Any],
     tcp: Sequence[float] | None,
 ) -> Robot:
     """Return the robot of a user's file.
@@ -136,28 +146,16 @@ def _robot_of(
     if urdf is not None:
         if robot is not None:
             raise ConfigError(f"{robot} and --urdf {urdf}: give only one of them", "robot")
-        return read_robot(urdf, tcp=tcp, tip=tip)
-    if tip is not None:
-        raise ConfigError(f"{tip} requires --urdf", "tip")
+        return read_robot(urdf, tcp=tcp, **of_urdf)
+    for option, value in of_urdf.items():
+        if value:
+            text = value if isinstance(value, str) else ", ".join(value)
+            raise ConfigError(f"{text} requires --urdf", option)
     if dataset is not None and robot not in (None, DEFAULT_ROBOT):
         raise ConfigError(f"{robot}: {dataset} is of {DEFAULT_ROBOT} (or give --urdf)", "robot")
     if robot is None and dataset is None:
         raise ConfigError(f"{csv}: name the measured robot: --urdf FILE.urdf or --robot NAME")
     return load_robot(robot or DEFAULT_ROBOT, tcp=tcp)
-
-
-def _name_file(
-    dataset: str,
-    csv: Path,
-    urdf: Path | None,
-    tip: str | None,
-    tcp: Sequence[float] | None,
-    options: FileOptions,
-) -> str:
-    default = named_robot(DEFAULT_ROBOT).tcp if urdf is None else (0.0, 0.0, 0.0)
-    x, y, z = default if tcp is None else tcp
-    place = kr10_measured.register(dataset, csv, urdf, (x, y, z), tip, options)
-    return f"{dataset}: named in {place}; use it with: bench run --dataset {dataset}"
 
 
 def _verdict(csv: Path, robot: Robot, options: FileOptions) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
@@ -33,7 +33,12 @@ def load_robot(name: str = DEFAULT_ROBOT, *, tcp: Sequence[float] | None = None)
 
 
 def read_robot(
-    urdf: Path | str, *, tcp: Sequence[float] | None = None, tip: str | None = None
+    urdf: Path | str,
+    *,
+    tcp: Sequence[float] | None = None,
+    tip: str | None = None,
+    base: str | None = None,
+    hold: Mapping[str, float | None] | None = None,
 ) -> Robot:
     """Read a robot description; its meshes are not needed.
 
@@ -42,17 +47,25 @@ def read_robot(
         tcp: (3,) tool centre point in the frame of the last link, m; None: its origin.
         tip: last link of the chain; None: end of the longest chain, which is printed if there are
             several.
+        base: link that the chain starts from, and the base frame; None: the URDF's first link.
+        hold: joints that do not move, such as a rail: deg or mm by name or number (rail, J3, 3).
+            The robot has the other joints; mimic joints follow.
 
     Raises:
-        ConfigError: no link is called `tip`.
+        ConfigError: no link is called `tip` or `base`, or a joint cannot be held.
         DataError: the file is not a URDF, or the chain has an unsupported joint.
     """
     from stiff_datasets.robots.urdf_reader import read_chain  # imports Pinocchio
 
-    chain = read_chain(Path(urdf), tcp=(0.0, 0.0, 0.0) if tcp is None else tcp, tip=tip)
+    offset = (0.0, 0.0, 0.0) if tcp is None else tcp
+    chain = read_chain(Path(urdf), tcp=offset, tip=tip, base=base, hold=hold)
     for note in chain.notes:
         say(f"note: {note}")
     words = ["--urdf", str(urdf), *(["--tip", tip] if tip is not None else [])]
+    words += ["--base", base] if base is not None else []
+    words += [
+        word for name, value in (hold or {}).items() for word in ("--hold", f"{name}={value:.15g}")
+    ]
     tool = "" if tcp is None else f" {tcp_option(tcp)}"
     _URDF_WORDS[chain.robot] = f" {shlex.join(words)}{tool}"
     return chain.robot
@@ -96,7 +109,7 @@ def robot_words(robot: Robot) -> str:
     if robot in _URDF_WORDS:
         return _URDF_WORDS[robot]
     if not (name := shipped_name(robot)):
-        return " with the same --urdf, --tip and --tcp"
+        return " with the same --urdf, --tip, --base, --hold and --tcp"
     tcp = robot.tcp_on_flange
     tool = f" {tcp_option(tcp)}"
     words = "" if name == DEFAULT_ROBOT else f" --robot {name}"

@@ -680,7 +680,9 @@ def _marks(entries: Sequence[object]) -> str:
 
 _OF_ROBOT = "robot "
 """How the names of the robot's fields begin in the archive."""
-_ROBOT_ARRAYS = tuple(item.name for item in fields(Robot) if item.name != "controller")
+_ROBOT_ARRAYS = tuple(
+    item.name for item in fields(Robot) if item.name not in ("controller", "held")
+)
 """Fields of a robot that results need."""
 
 

@@ -62,7 +62,7 @@ def _counts(data: BenchmarkData) -> Table:
     more = f" and {len(groups) - MOST_GROUPS} more" if len(groups) > MOST_GROUPS else ""
     least, most = int(loads.min()), int(loads.max())
     rows: list[list[Entry]] = [
-        ["robot", f"{data.robot.name}, {data.robot.n_joints} joints"],
+        ["robot", data.robot.joints_text],
         ["samples", len(samples)],
         ["poses", len(loads)],
         ["loads per pose", least if least == most else Quantity(low=least, high=most)],

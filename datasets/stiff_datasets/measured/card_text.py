@@ -108,7 +108,7 @@ def what_text(data: BenchmarkData) -> str:
 def robot_text(data: BenchmarkData) -> str:
     """Return robot, number of joints and TCP for a card's row."""
     robot = data.robot
-    return one_row(f"{robot.name}, {robot.n_joints} joints, TCP {tcp_text(robot.tcp_on_flange)} m")
+    return one_row(f"{robot.joints_text}, TCP {tcp_text(robot.tcp_on_flange)} m")
 
 
 def tcp_text(tcp: Iterable[float]) -> str:

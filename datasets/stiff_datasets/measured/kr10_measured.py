@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import platformdirs
 
@@ -60,12 +60,16 @@ class Registration(FileOptions):
         tcp: (3,) tool centre point in the frame of the URDF's last link, m.
         urdf: the robot's file; None: the shipped one.
         tip: last link of the chain in the URDF; None: the end of the longest chain.
+        base: first link of the chain; None: the URDF's first link.
+        hold: joints of the chain that do not move, deg or mm by name or number.
     """
 
     csv: str
     tcp: tuple[float, float, float]
     urdf: str | None = None
     tip: str | None = None
+    base: str | None = None
+    hold: dict[str, float | None] | None = None
 
     def read(self) -> BenchmarkData:
         """Read the files.
@@ -78,7 +82,8 @@ class Registration(FileOptions):
         from stiff_datasets.robots.urdf_reader import read_robot
 
         if self.urdf:
-            robot = read_robot(Path(self.urdf), tcp=self.tcp, tip=self.tip)
+            of_urdf = {"tip": self.tip, "base": self.base, "hold": self.hold}
+            robot = read_robot(Path(self.urdf), tcp=self.tcp, **of_urdf)
         else:
             robot = shipped_robot(SHIPPED_ROBOT, tcp=self.tcp)
         return MeasuredData(csv=Path(self.csv), robot=robot, options=self).load()
@@ -89,8 +94,8 @@ def register(
     csv: Path,
     urdf: Path | None,
     tcp: tuple[float, float, float],
-    tip: str | None = None,
     options: FileOptions = DEFAULTS,
+    **of_urdf: Any,
 ) -> Path:
     """Read and register a measurement, and return the file of registrations.
 
@@ -116,7 +121,7 @@ def register(
         csv=str(csv.absolute()),
         tcp=tcp,
         urdf=str(urdf.absolute()) if urdf else None,
-        tip=tip,
+        **of_urdf,
         **asdict(options),
     )
     if SIMULATED_GROUP in entry.read().samples.group:

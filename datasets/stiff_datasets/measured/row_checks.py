@@ -6,6 +6,7 @@ Each check yields one `Problem` per error; every reader of rows uses these check
 from __future__ import annotations
 
 import re
+import shlex
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -106,7 +107,8 @@ def table_problems(
         sheet: the cells.
         columns: every column that a file may have, in the usual order.
         optional: columns that may be missing.
-        robot: robot whose joints are among the columns; named if the file has fewer joints.
+        robot: robot whose joints are among the columns; named if the file has fewer joints, or
+            columns of its held joints.
     """
     names = list(sheet.cells.columns)
     numbers = [name for name in sheet.unused if NUMBER.fullmatch(name.replace(",", "."))]
@@ -124,10 +126,12 @@ def table_problems(
     ]
     if missing and robot is not None and (few_joints := _few_joints_text(sheet, robot)):
         parts.insert(0, few_joints)
+    held = "" if robot is None else _held_columns_text(sheet, robot)
+    parts[:0] = [held] * bool(held)
     parts += [f"unit of {name!r} (valid: {units})" for name, units in sheet.odd_units.items()]
     if {*DEFLECTION_COLUMNS} & {*missing} and (twice := _positions_twice(sheet)):
         parts.insert(0, f"{twice} stand twice: name them {POSITIONS_TEXT}")
-    if missing or repeated:
+    if missing or repeated or held:
         valid = ", ".join(columns) + (f"; optional: {', '.join(optional)}" if optional else "")
         if missing and {*missing} <= {*TORQUE_COLUMNS}:
             valid = f"{', '.join(columns)}; {NO_TORQUE_HINT}"
@@ -148,11 +152,14 @@ def _few_joints_text(sheet: Sheet, robot: Robot) -> str:
     stated = np.array([bool(units[name]) for name in columns])
     ways = []
     if (robot.turns[:n] == turns)[stated].all():
-        ways.append(f"--tip with the URDF's link before joint {names[n]!r} ends the chain there")
+        ways.append(
+            f"--tip with the URDF's link before joint {names[n]!r} ends the chain there, or "
+            f"{_hold_words(names[n:])} if they stood still"
+        )
     if (robot.turns[-n:] == turns)[stated].all():
         ways.append(
-            f"if {', '.join(names[:-n])} stood still, add columns with their positions, or write "
-            'type="fixed" in the URDF'
+            f"if {', '.join(names[:-n])} stood still, {_hold_words(names[:-n])}, or add columns "
+            "with their positions"
         )
     return "; ".join(
         [
@@ -160,6 +167,28 @@ def _few_joints_text(sheet: Sheet, robot: Robot) -> str:
             f"({', '.join(names)})",
             *ways,
         ]
+    )
+
+
+def _hold_words(names: Sequence[str]) -> str:
+    """Return the options that hold joints, for a message."""
+    return " ".join(f"--hold {shlex.quote(name)}=VALUE" for name in names)
+
+
+def _held_columns_text(sheet: Sheet, robot: Robot) -> str:
+    """Return the sentence on columns of the `robot`'s held joints; "" for none."""
+    held = {text.rpartition("=")[0]: text for text in robot.held}
+    next_column = f"q{robot.n_joints + 1}"
+    names = [
+        name
+        for name in sheet.unused
+        if held and (name in held or split_header(name)[0] in {next_column, *held})
+    ]
+    if not names:
+        return ""
+    return (
+        f"column {names[0]!r} is of one joint more than the {robot.n_joints} that move with "
+        f"--hold {', '.join(held.values())}: leave out the option or the column"
     )
 
 

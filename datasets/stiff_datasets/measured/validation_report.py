@@ -329,7 +329,8 @@ def _error_findings(problems: Sequence[Problem]) -> Iterator[Finding]:
 
 def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterator[Finding]:
     tcp = ", ".join(f"{length:g}" for length in robot.tcp_on_flange)
-    yield fact("robot", f"{robot.name}, TCP ({tcp}) m in the frame of its last link")
+    held = f"{', '.join(robot.held)} held, " if robot.held else ""
+    yield fact("robot", f"{robot.name}, {held}TCP ({tcp}) m in the frame of its last link")
     n_poses, n = len(set(samples.pose_id)), len(samples)
     loads = "one load" if n_poses == n else f"{n / n_poses:.3g} loads"
     loads = f"{n_poses} poses, {loads} per pose" + " on average" * (n_poses < n)

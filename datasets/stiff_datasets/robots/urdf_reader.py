@@ -2,7 +2,8 @@
 
 A description may be a tree: grippers, hands, heads, wheels, second arms. The robot is the chain
 from the base to one link, the tip. All other joints are locked, and the links behind them are
-merged into the link that carries them. The default tip is the end of the longest chain: the chain
+merged into the link that carries them; so are joints of the chain that are held at a position, and
+mimic joints that follow them. The default tip is the end of the longest chain: the chain
 with most moving joints, without fingers (`_fingers`). Of several ends, a usual name (`TIP_NAMES`)
 comes first, then a link that is not a helper (`HELPER_NAMES`), then the link farthest from
 the last moving joint, then the largest number of fixed joints before the end, then the last in the
@@ -19,10 +20,11 @@ import re
 import shlex
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
 
@@ -33,6 +35,7 @@ from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name, warn
 from stiff_protocols.contract.robot import UNLIMITED_RAD
 from stiff_protocols.contract.types import FloatArray, JointType, Robot
+from stiff_protocols.paths.inverse import held_position, joint_number
 
 LONGEST_TCP_M = 5.0
 """Limit of a tool's length; a larger number is in mm."""
@@ -73,6 +76,15 @@ MAX_NAMED_IN_NOTE, MAX_NAMED_IN_ERROR = 6, 20
 
 
 @dataclass(frozen=True)
+class Mimic:
+    """What a mimic joint follows: position = multiplier * position of `joint` + offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
 class ChainModel:
     """A serial chain as a Pinocchio model and as a `Robot`.
 
@@ -88,7 +100,12 @@ class ChainModel:
 
 
 def read_chain(
-    urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0), tip: str | None = None
+    urdf: Path,
+    *,
+    tcp: Sequence[float] = (0.0, 0.0, 0.0),
+    tip: str | None = None,
+    base: str | None = None,
+    hold: Mapping[str, float | None] | None = None,
 ) -> ChainModel:
     """Read the serial chain from the base of a URDF to one of its links.
 
@@ -96,25 +113,37 @@ def read_chain(
         urdf: the file; its meshes are not needed.
         tcp: (3,) tool centre point in the frame of the tip, m.
         tip: last link of the chain; None: the end of the longest chain, see this module.
+        base: link that the chain starts from, and the base frame; None: the URDF's first link.
+        hold: joints that do not move: deg or mm by name or number in the chain.
 
     Raises:
-        ConfigError: no link has the name `tip`.
+        ConfigError: no link has the name `tip` or `base`, a joint cannot be held, or the direction
+            of gravity in `base` is open.
         DataError: the file is not a URDF, a joint of the chain is neither revolute nor prismatic or
-            mimics another joint, or limits are reversed or in degrees.
+            mimics another joint that moves, or limits are reversed or in degrees.
     """
-    tree, followers, controller = _parse(urdf)
-    frame, notes = _chosen_tip(tree, followers, urdf, tip)
+    tree, mimics, controller = _parse(urdf)
+    frame, notes = _chosen_tip(tree, mimics, urdf, tip)
     path = [*tree.supports[frame.parentJoint]][1:]
+    ahead: list[int] = []
+    if base is not None:
+        base_frame = _link(tree, urdf, base, "base")
+        ahead = [*tree.supports[base_frame.parentJoint]][1:]
+        if ahead != path[: len(ahead)]:
+            text = f"{base}: the chain to the link {frame.name!r} does not pass it"
+            raise ConfigError(f"{urdf}: {text}", "base")
+    hold = hold or {}
+    fixed = _held_joints(tree, mimics, path[len(ahead) :], hold, urdf)
+    path = [joint for joint in path[len(ahead) :] if joint not in fixed]
     if not path:
-        place_text = "" if tip is None else f" between the base and the link {tip!r}"
-        raise DataError(
-            f"{urdf}: no moving joint{place_text}; a stiffness model needs at least one"
-        )
+        place = f" between the base and the link {tip or frame.name!r}" * bool(tip or base or hold)
+        raise DataError(f"{urdf}: no moving joint{place}; a stiffness model needs at least one")
     for name in (tree.names[joint] for joint in path):
-        if name in followers:
+        if name in mimics:
             raise DataError(
                 f"{urdf}: joint {name!r} on the chain to {frame.name!r} is a mimic joint, which "
-                f"follows {followers[name]!r}; only independent joints are supported"
+                f"follows {mimics[name].joint!r}; only independent joints are supported, and "
+                f"joints that stand still: --hold {mimics[name].joint}=VALUE"
             )
     offset = np.asarray(tcp, dtype=np.float64)
     if offset.shape != (3,) or not np.isfinite(offset).all() or abs(offset).max() > LONGEST_TCP_M:
@@ -123,10 +152,31 @@ def read_chain(
             "these mm?"
         )
     notes += _finger_notes(tree, path)
-    flange = frame.placement.copy()
-    model, lock_note = _with_other_joints_locked(tree, path, followers)
+    positions = _locked_positions(tree, path, fixed)
+    if base is not None:
+        for joint in ahead:
+            tilts = _tilts(tree, joint, positions)
+            if tilts and joint not in fixed:
+                text = f"its direction of gravity depends on the joint {tree.names[joint]}; hold it"
+                raise ConfigError(f"{urdf}: {base}: {text}", "base")
+            if joint in fixed and not tilts and len(fixed) == len(hold):  # else another follows it
+                text = f"before the base {base} its position changes no number; leave it out"
+                raise ConfigError(f"{tree.names[joint]}: {text}", "hold")
+    model, lock_note = _with_other_joints_locked(tree, path, positions, {*ahead, *fixed}, mimics)
+    if base is not None:
+        start = model.frames[model.getFrameId(base_frame.name, pin.FrameType.BODY)].placement
+        model.jointPlacements[1] = start.actInv(model.jointPlacements[1])
+        model.gravity.linear = start.rotation.T @ model.gravity.linear
+        if controller is not None:
+            world = start.actInv(pin.SE3(controller.world)).homogeneous
+            controller = replace(controller, world=world)
+    flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
     try:
-        robot = replace(_robot(model, flange, offset), controller=controller)
+        robot = replace(
+            _robot(model, flange, offset),
+            controller=controller,
+            held=tuple(_position_text(tree, joint, fixed[joint]) for joint in fixed),
+        )
     except DataError as error:
         raise DataError(f"{urdf}: {error}") from error
     unlimited = [
@@ -142,17 +192,13 @@ def read_chain(
     return ChainModel(model, robot, tuple(f"{urdf.name}: {note}" for note in notes))
 
 
-def read_robot(
-    urdf: Path, *, tcp: Sequence[float] = (0.0, 0.0, 0.0), tip: str | None = None
-) -> Robot:
-    """Read a URDF into a frozen `Robot`; arguments and errors: see `read_chain`."""
-    return read_chain(urdf, tcp=tcp, tip=tip).robot
+def read_robot(urdf: Path, **options: Any) -> Robot:
+    """Read a URDF into a frozen `Robot`; options and errors: see `read_chain`."""
+    return read_chain(urdf, **options).robot
 
 
 def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
     """Return a chain without Pinocchio; `tcp` (3,) m in the frame of the flange.
-
-    Exporters write 0..0, or very large numbers, as limits of a revolute joint without limits.
 
     Raises:
         DataError: joints, limits or numbers are invalid; Pinocchio also accepts NaN.
@@ -160,11 +206,7 @@ def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
     joints, kinds, axes, limits = range(1, model.njoints), [], [], []
     for joint in joints:
         name, (kind, axis) = model.names[joint], joint_type_and_axis(model, joint)
-        entry = model.joints[joint].idx_q
-        low, high = model.lowerPositionLimit[entry], model.upperPositionLimit[entry]
-        is_unlimited = low == high == 0.0 or low <= -UNLIMITED_RAD < UNLIMITED_RAD <= high
-        if model.joints[joint].nq == 2 or (is_unlimited and kind == "revolute"):
-            low, high = -np.inf, np.inf
+        low, high = _limits(model, joint)
         if not low < high:
             raise DataError(
                 f"joint {name!r} has limits {low:g}..{high:g}; expected lower below upper (or type "
@@ -185,12 +227,13 @@ def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
         masses=np.array([model.inertias[joint].mass for joint in joints]),
         centres_of_mass=np.stack([model.inertias[joint].lever for joint in joints]),
         tcp=flange.act(tcp),
+        gravity=model.gravity.linear,
         flange=flange.homogeneous,
     )
 
 
-def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str], Controller | None]:
-    """Return the tree, mimic joint -> followed joint, and the controller."""
+def _parse(urdf: Path) -> tuple[pin.Model, dict[str, Mimic], Controller | None]:
+    """Return the tree, what each mimic joint follows, and the controller."""
     try:
         with urdf.open("rb") as file:
             content = file.read(MAX_URDF_BYTES + 1)
@@ -205,13 +248,21 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str], Controller | None]:
     if reason := _other_format(root, urdf):
         raise DataError(f"{refused}: {reason}")
     _check_description(root, urdf)
-    mimics = ((joint.get("name", ""), joint.find("mimic")) for joint in root.findall("joint"))
-    followers = {name: mimic.get("joint", "") for name, mimic in mimics if mimic is not None}
+    elements = ((joint.get("name", ""), joint.find("mimic")) for joint in root.findall("joint"))
     try:
         with _captured_stderr() as printed:
             model = pin.buildModelFromXML(text)
         if any("Could not parse inertial" in line for line in printed):
             raise ValueError  # the parser gives such a link no mass
+        mimics = {
+            name: Mimic(
+                mimic.get("joint", ""),
+                float(mimic.get("multiplier", "1")),
+                float(mimic.get("offset", "0")),
+            )
+            for name, mimic in elements
+            if mimic is not None
+        }
     except (ValueError, RuntimeError) as error:
         error_lines = [
             re.sub(r"^Error: +|^at line \d+ in \S+$", "", line.strip()) for line in printed
@@ -221,7 +272,7 @@ def _parse(urdf: Path) -> tuple[pin.Model, dict[str, str], Controller | None]:
             f"; {line}" for line in error_lines if "inertial element for Link" in line
         )
         raise DataError(f"{refused}: {reason}") from error
-    return model, followers, _controller(root.find("controller"), urdf)
+    return model, mimics, _controller(root.find("controller"), urdf)
 
 
 def _urdf_text(content: bytes) -> str:
@@ -407,7 +458,7 @@ def joint_type_and_axis(model: pin.Model, joint: int) -> tuple[JointType, FloatA
 
 
 def _chosen_tip(
-    tree: pin.Model, followers: Mapping[str, str], urdf: Path, tip: str | None
+    tree: pin.Model, mimics: Mapping[str, Mimic], urdf: Path, tip: str | None
 ) -> tuple[pin.Frame, list[str]]:
     """Return the frame of the tip, and a note if there was a choice.
 
@@ -429,7 +480,7 @@ def _chosen_tip(
     def sort_key(index: int) -> tuple[float, ...]:
         name, joints = links[index].name, [*tree.supports[links[index].parentJoint]][1:]
         n_usable = sum(
-            tree.joints[joint].nv == 1 and tree.names[joint] not in followers for joint in joints
+            tree.joints[joint].nv == 1 and tree.names[joint] not in mimics for joint in joints
         )
         name_ranks = [number for number, end in enumerate(TIP_NAMES) if name.endswith(end)]
         rank = min(name_ranks, default=len(TIP_NAMES))
@@ -449,12 +500,103 @@ def _chosen_tip(
             f"LINK selects another ({_listed(tips[1:])})"
         )
         return links[ends[0]], [note]
-    for frame in links.values():
-        if frame.name == tip:
-            return frame, []
-    names = dict.fromkeys([*tips, *(frame.name for frame in links.values())])
+    return _link(tree, urdf, tip, "tip", tips), []
+
+
+def _link(
+    tree: pin.Model, urdf: Path, name: str, option: str, first_names: Sequence[str] = ()
+) -> pin.Frame:
+    """Return the frame of a link.
+
+    Raises:
+        ConfigError: no link has the name; the message lists `first_names` first.
+    """
+    links = {frame.name: frame for frame in tree.frames if frame.type == pin.FrameType.BODY}
+    if name in links:
+        return links[name]
+    names = dict.fromkeys([*first_names, *links])
     listed = _listed([*names], MAX_NAMED_IN_ERROR)
-    raise ConfigError(f"{urdf}: {unknown_name('link', tip, names, listed)}", "tip")
+    raise ConfigError(f"{urdf}: {unknown_name('link', name, names, listed)}", option)
+
+
+def _held_joints(
+    tree: pin.Model,
+    mimics: Mapping[str, Mimic],
+    path: Sequence[int],
+    hold: Mapping[str, float | None],
+    urdf: Path,
+) -> dict[int, float]:
+    """Return joint -> position, rad or m, of held joints and of all joints that follow them.
+
+    `hold`: deg or mm by name, or by number in the chain `path`.
+
+    Raises:
+        ConfigError: a joint is unknown, held twice, follows another or has several degrees of
+            freedom, or its value is missing or beyond its limits.
+        DataError: the numbers of a mimic joint are not finite.
+    """
+    numbers = {tree.names[joint]: joint for joint in range(1, tree.njoints)}
+    held = dict[int, float]()
+    for name, value in hold.items():
+        try:
+            of_chain = [tree.names[joint] for joint in path]
+            joint = numbers.get(name) or path[joint_number(of_chain, name)]
+        except ConfigError as error:
+            raise ConfigError(f"{urdf}: {error}", "hold") from error
+        full_name = tree.names[joint]
+        if joint in held:
+            raise ConfigError(f"{name}: {full_name} is held twice", "hold")
+        if full_name in mimics:
+            text = f"follows {mimics[full_name].joint}, which can be held"
+            raise ConfigError(f"{name}: the mimic joint {full_name} {text}", "hold")
+        if tree.joints[joint].nv != 1:
+            text = f"has {tree.joints[joint].nv} degrees of freedom (valid: one)"
+            raise ConfigError(f"{name}: {full_name} {text}", "hold")
+        held[joint] = held_position(name, value, not _slides(tree, joint), *_limits(tree, joint))
+    for name, mimic in mimics.items():  # in turn: a mimic joint may follow another
+        factor, offset, names = 1.0, 0.0, [name]
+        while names[-1] in mimics and len(names) == len({*names}):
+            mimic = mimics[names[-1]]
+            factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
+            names.append(mimic.joint)
+        joint, followed = numbers.get(name, 0), numbers.get(names[-1], 0)
+        if joint and followed in held and tree.joints[joint].nv == 1:
+            held[joint] = factor * held[followed] + offset
+            if not np.isfinite(held[joint]):
+                raise DataError(f"{urdf}: mimic joint {name!r}: its numbers are not finite")
+    return held
+
+
+def _limits(tree: pin.Model, joint: int) -> tuple[float, float]:
+    """Return the limits of a joint with one degree of freedom, rad or m; infinite without limits.
+
+    Exporters write 0..0, or very large numbers, as limits of a revolute joint without limits.
+    """
+    entry = tree.joints[joint].idx_q
+    low, high = tree.lowerPositionLimit[entry], tree.upperPositionLimit[entry]
+    is_unlimited = low == high == 0.0 or low <= -UNLIMITED_RAD < UNLIMITED_RAD <= high
+    if tree.joints[joint].nq == 2 or (is_unlimited and not _slides(tree, joint)):
+        return -np.inf, np.inf
+    return float(low), float(high)
+
+
+def _position_text(tree: pin.Model, joint: int, position: float) -> str:
+    """Return a joint with its position, rad or m, as "rail=500 mm"."""
+    unit, factor = ("mm", 1000.0) if _slides(tree, joint) else ("deg", np.degrees(1.0))
+    return f"{tree.names[joint]}={factor * position:.12g} {unit}"
+
+
+def _tilts(tree: pin.Model, joint: int, positions: FloatArray) -> bool:
+    """Test if a joint turns what it carries against gravity, at `positions` (n_q,).
+
+    Raises:
+        DataError: the joint has several degrees of freedom.
+    """
+    kind, axis = joint_type_and_axis(tree, joint)
+    data = tree.createData()
+    pin.forwardKinematics(tree, data, positions)
+    upward = (data.oMi[joint].rotation @ axis)[2]
+    return kind == "revolute" and abs(upward) < 1.0 - 1e-9
 
 
 def _slides(tree: pin.Model, joint: int) -> bool:
@@ -522,27 +664,27 @@ def _fingers(tree: pin.Model) -> set[int]:
 
 
 def _with_other_joints_locked(
-    tree: pin.Model, path: Sequence[int], followers: Mapping[str, str]
+    tree: pin.Model,
+    path: Sequence[int],
+    positions: FloatArray,
+    unlisted: Collection[int],
+    mimics: Mapping[str, Mimic],
 ) -> tuple[pin.Model, str]:
     """Return the chain of the joints `path`, and a note on the locked joints.
 
-    All other joints are locked at zero, or at the limit nearest to zero. `followers`: mimic joint
-    -> followed joint. Links with the name of a joint get another name in `tree`: Pinocchio locks a
-    joint by its name.
+    All other joints are locked at `positions` (n_q,). `unlisted` are locked joints that the note
+    omits. Links with the name of a joint get another name in `tree`: Pinocchio locks a joint by its
+    name.
     """
     locked_joints = [joint for joint in range(1, tree.njoints) if joint not in path]
     if not locked_joints:
         return tree, ""
-    configuration, nonzero = pin.neutral(tree), False
-    for joint in locked_joints:
-        entry = tree.joints[joint].idx_q
-        low, high = tree.lowerPositionLimit[entry], tree.upperPositionLimit[entry]
-        if tree.joints[joint].nq == 1 and not low <= 0.0 <= high and low <= high:
-            configuration[entry], nonzero = np.clip(0.0, low, high), True
-    position_text = "zero (or the nearest limit)" if nonzero else "zero"
+    listed = [joint for joint in locked_joints if joint not in unlisted]
+    entries = [tree.joints[joint].idx_q for joint in listed if tree.joints[joint].nq == 1]
+    position_text = "zero (or the nearest limit)" if positions[entries].any() else "zero"
     names = [
-        f"{name} (mimics {followers[name]})" if name in followers else name
-        for name in (tree.names[joint] for joint in locked_joints)
+        f"{name} (mimics {mimics[name].joint})" if name in mimics else name
+        for name in (tree.names[joint] for joint in listed)
     ]
     used_names = {*tree.names}
     for frame in tree.frames:
@@ -550,11 +692,31 @@ def _with_other_joints_locked(
             while frame.name in used_names:
                 frame.name += "'"
             used_names.add(frame.name)
-    note = (
+    note = bool(names) * (
         f"{len(names)} joint{'s' * (len(names) > 1)} off the chain locked at {position_text}, "
         f"{'its' if len(names) == 1 else 'their'} links' masses counted: {_listed(names)}"
     )
-    return pin.buildReducedModel(tree, locked_joints, configuration), note
+    return pin.buildReducedModel(tree, locked_joints, positions), note
+
+
+def _locked_positions(
+    tree: pin.Model, path: Sequence[int], fixed: Mapping[int, float]
+) -> FloatArray:
+    """Return the (n_q,) configuration that all joints but those of `path` are locked at.
+
+    `fixed`: joint -> position, rad or m. The others are at zero, or at the limit nearest to zero.
+    """
+    positions = np.asarray(pin.neutral(tree))
+    for joint in range(1, tree.njoints):
+        entry, n_q = tree.joints[joint].idx_q, tree.joints[joint].nq
+        low, high = tree.lowerPositionLimit[entry], tree.upperPositionLimit[entry]
+        if joint in fixed and n_q == 2:
+            positions[entry : entry + 2] = np.cos(fixed[joint]), np.sin(fixed[joint])
+        elif joint in fixed:
+            positions[entry] = fixed[joint]
+        elif joint not in path and n_q == 1 and not low <= 0.0 <= high and low <= high:
+            positions[entry] = np.clip(0.0, low, high)
+    return positions
 
 
 def _listed(names: Sequence[str], limit: int = MAX_NAMED_IN_NOTE) -> str:

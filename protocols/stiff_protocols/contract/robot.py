@@ -58,6 +58,8 @@ class Robot(ShownObject, SerialChain):
         flange: (4, 4) pose of the robot description's last link in the last joint's frame, m: the
             usual frame for a TCP. No number depends on it.
         controller: joint angles and frames of its controller; None: the same as the description's.
+        held: joints of its description that were fixed at a position when it was read, such as
+            "rail=500 mm"; its placements have these positions.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Robot(ShownObject, SerialChain):
         default_factory=lambda: np.eye(4), metadata={"shapes_no_result": True}
     )
     controller: Controller | None = field(default=None, metadata={"shapes_no_result": True})
+    held: tuple[str, ...] = field(default=(), metadata={"shapes_no_result": True})
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
@@ -183,9 +186,15 @@ class Robot(ShownObject, SerialChain):
         return np.asarray((lever @ self.flange[:3, :3]).round(9) + 0.0)
 
     @property
+    def joints_text(self) -> str:
+        """Name, number of joints and held joints in a line."""
+        held = f" ({', '.join(self.held)} held)" if self.held else ""
+        return f"{self.name}, {self.n_joints} joints{held}"
+
+    @property
     def summary(self) -> str:
-        """Name, number of joints and mass in a line."""
-        return f"{self.name}, {self.n_joints} joints, {self.masses.sum():.1f} kg"
+        """Name, number of joints, held joints and mass in a line."""
+        return f"{self.joints_text}, {self.masses.sum():.1f} kg"
 
     @property
     def tcp_text(self) -> str:

@@ -8,12 +8,13 @@ positions between them.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
-from stiff_protocols.contract.errors import DataError, unknown_name
+from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.kinematics.serial_chain import LENGTH
 
@@ -95,18 +96,35 @@ def free_joints(robot: Robot, held: FloatArray | None = None) -> BoolArray:
     return free
 
 
-def joint_number(robot: Robot, name: str) -> int:
+def joint_number(joint_names: Sequence[str], name: str) -> int:
     """Return the number, from 0, of a joint by its name or by J1, q1 or 1.
 
     Raises:
-        ConfigError: the robot does not have this joint.
+        ConfigError: no joint has this name or number.
     """
-    if name in robot.joint_names:
-        return robot.joint_names.index(name)
+    if name in joint_names:
+        return joint_names.index(name)
     number = re.fullmatch(r"[AJQajq]?([1-9]\d?)", name)
-    if number is None or int(number[1]) > robot.n_joints:
-        raise unknown_name("joint", name, robot.joint_names)
+    if number is None or int(number[1]) > len(joint_names):
+        raise unknown_name("joint", name, joint_names)
     return int(number[1]) - 1
+
+
+def held_position(
+    name: str, value: float | None, turns: bool | np.bool_, lower: float, upper: float
+) -> float:
+    """Return the position, rad or m, of a joint that is held at a value in deg or mm.
+
+    Raises:
+        ConfigError: the value is missing, or beyond the limits `lower` and `upper`, rad or m.
+    """
+    unit, factor = ("deg", 180.0 / np.pi) if turns else ("mm", 1000.0)
+    if value is None:
+        raise ConfigError(f"{name}: the value is missing; use {name}=VALUE, in {unit}", "hold")
+    if not (np.isfinite(value) and factor * lower <= value <= factor * upper):
+        valid = f"{factor * lower:g}..{factor * upper:g} {unit}"
+        raise ConfigError(f"{name}={value:g} (valid: {valid})", "hold")
+    return value / factor
 
 
 def is_singular(robot: Robot, q: FloatArray, free: BoolArray) -> BoolArray:

@@ -67,7 +67,7 @@ class PathHoldout(Holdout):
         """
         names = [name.strip() for name in self.hold.split(",") if name.strip()]
         held = np.full(robot.n_joints, np.nan)
-        held[[joint_number(robot, name) for name in names]] = 0.0
+        held[[joint_number(robot.joint_names, name) for name in names]] = 0.0
         if np.isnan(held).sum() != 6:
             raise ConfigError(
                 f"robot {robot.name!r} has {robot.n_joints} joints of which {len(names)} are held "

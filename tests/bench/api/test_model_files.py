@@ -10,7 +10,7 @@ import pytest
 
 import stiffbench as sb
 from helpers.command_line import bench_here
-from helpers.made_robots import planar_arm, tree_urdf
+from helpers.made_robots import arm_lines, planar_arm, track_lines, tree_urdf
 from helpers.made_samples import samples_with
 from stiff_bench.api.model import load_model
 from stiff_datasets.measured.sheet_files import sample_table, write_table
@@ -155,6 +155,31 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
     assert list(table.columns)[3:5] == ["q1_mm", "q2_deg"]
     np.testing.assert_allclose(table["q1_mm"], q[:, 0] * 1000, rtol=1e-12)
     np.testing.assert_allclose(table[DEFLECTION] / 1000, deflection, atol=1e-12)
+
+
+def test_a_file_without_the_rails_column_is_fitted_with_the_rail_held(
+    tmp_path, rng, bench, monkeypatch
+):
+    urdf = tree_urdf(tmp_path / "track.urdf", track_lines(3))
+    arm = read_robot(tree_urdf(tmp_path / "arm.urdf", arm_lines("base", "a", 3)), tcp=(0.1, 0, 0.2))
+    q, wrench = rng.uniform(-1.5, 1.5, size=(30, 3)), rng.normal(scale=50, size=(30, 6))
+    deflection = arm.joint_deflection(np.array([1e-5, 2e-5, 3e-5]), q, wrench)
+    write_table(tmp_path / "my.csv", [sample_table(samples_with(q, wrench, deflection), arm)])
+    words = ("--urdf", urdf, "--tcp", "0.1,0,0.2", "--hold", "to_cart=500")
+    report = bench_here("data", "validate", "my.csv", *words, cwd=tmp_path).stdout
+    assert "to_cart=500 mm held" in report
+    bench("fit", "--model", "vjm", "--data", "my.csv", *words, "--output", "vjm.stiff")
+    model = load_model(tmp_path / "vjm.stiff")
+    assert model.fitted.robot_.held == ("to_cart=500 mm",) and "to_cart=500 mm" in repr(model)
+    np.testing.assert_allclose(model.fitted.predict(q, wrench), deflection, atol=1e-12)
+    place = model.fitted.robot_.tcp_position(q) - arm.tcp_position(q)
+    np.testing.assert_allclose(place, np.tile([0.5, 0.0, 0.3], (30, 1)), atol=1e-12)
+    plan = ("--payload", "5", "--poses", "4", "--candidates", "50", "--output", "plan.csv")
+    assert "--hold to_cart=500 " in bench("data", "plan", *words, *plan)
+    monkeypatch.setenv("STIFFBENCH_HOME", str(tmp_path / "home"))
+    bench("data", "register", "my.csv", "--dataset", "kr10-measured", *words)
+    assert "to_cart=500 mm" in (tmp_path / "my.md").read_text()
+    assert sb.load_dataset("kr10-measured").robot.held == ("to_cart=500 mm",)
 
 
 def test_an_error_of_a_crafted_model_names_its_file(vjm_file, tmp_path):

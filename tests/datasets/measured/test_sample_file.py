@@ -276,6 +276,19 @@ def test_a_file_with_fewer_joints_than_the_chain_names_them_and_what_to_do(
     assert "6 joints" in message and "7 (j1, j2, j3, j4, j5, j6, j7)" in message
     assert ("--tip" in message and "'j7'" in message) == tip
     assert ("if j1 stood still" in message) == still
+    assert ("--hold j7=VALUE" in message, "--hold j1=VALUE" in message) == (tip, still)
+
+
+@pytest.mark.parametrize("column", ["q7_deg", "rail", "rail_mm", "rail [mm]"])
+def test_a_column_of_a_held_joint_is_refused_by_name(tmp_path, rng, column):
+    path = tmp_path / "my.csv"
+    path.write_text(f"{HEADER},{column}\n{GOOD},3\n")
+    robot = random_chain(rng, ("revolute",) * 6)
+    with pytest.warns(StiffBenchWarning, match="columns not used"):
+        read_samples(path, robot)
+    with pytest.raises(DataError) as error:
+        read_samples(path, replace(robot, held=("rail=3 mm",)))
+    assert f"'{column}'" in str(error.value) and "--hold rail=3 mm" in str(error.value)
 
 
 def test_order_approach_and_the_reading_after_the_load_are_read(tmp_path, kr10):

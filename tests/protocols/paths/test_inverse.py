@@ -222,9 +222,9 @@ def test_an_arm_without_limits_is_followed(kr10):
 def test_a_joint_is_called_by_its_name_or_number(kr10, name, number):
     if number is None:
         with pytest.raises(ConfigError, match=rf"joint '{name}'.*valid: A1, "):
-            joint_number(kr10, name)
+            joint_number(kr10.joint_names, name)
     else:
-        assert joint_number(kr10, name) == number
+        assert joint_number(kr10.joint_names, name) == number
 
 
 def test_a_robot_with_a_choice_at_every_point_and_a_path_without_points_are_refused(rng):

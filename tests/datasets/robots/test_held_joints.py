@@ -1,0 +1,147 @@
+"""Check joints of a URDF that stand still, mimic joints that follow them, and another base link."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from helpers.made_robots import arm_lines, tree_urdf
+from stiff_datasets.robots.urdf_reader import read_chain
+from stiff_protocols.contract.errors import ConfigError, DataError
+from stiff_protocols.contract.types import BenchmarkData, Samples
+
+TRACK = f"base cart prismatic axis=y z=0.3 limits=0..4\n{arm_lines('cart', 'a', 6)}"
+GRIPPER = """
+    a6 palm fixed x=0.1
+    palm grip prismatic axis=x z=0.1
+    palm jaw2 prismatic axis=y mimic=to_grip
+    grip pad revolute axis=y mimic=to_grip
+    pad tool0 fixed z=0.05
+"""
+TORSO = f"base lift prismatic z=0.5\nlift torso revolute axis=y\n{arm_lines('torso', 'a', 6)}"
+
+
+def chain_of(tmp_path, joints, **options):
+    return read_chain(tree_urdf(tmp_path / "made.urdf", joints), **options)
+
+
+def points(model, positions, names):
+    """Return poses of links and the joints' torques against the weights, by Pinocchio."""
+    q, data = pin.neutral(model), model.createData()
+    for name, value in positions.items():
+        q[model.joints[model.getJointId(name)].idx_q] = value
+    pin.framesForwardKinematics(model, data, q)
+    places = [data.oMf[model.getFrameId(name, pin.FrameType.BODY)] for name in names]
+    torque = pin.computeGeneralizedGravity(model, data, q)
+    return places, torque
+
+
+@pytest.mark.parametrize(
+    ("hold", "positions"),
+    [
+        ({"to_cart": 1500.0}, {"to_cart": 1.5}),
+        ({"J1": 1500.0}, {"to_cart": 1.5}),
+        ({"to_cart": 1500.0, "4": 30.0}, {"to_cart": 1.5, "to_a3": np.pi / 6}),
+        ({"to_a6": -20.0}, {"to_a6": -np.pi / 9}),
+    ],
+)
+def test_held_joints_are_part_of_the_links_as_in_pinocchio(tmp_path, rng, hold, positions):
+    chain = chain_of(tmp_path, TRACK, hold=hold, tcp=(0.06, 0.0, 0.08))
+    robot, model = chain.robot, pin.buildModelFromUrdf(str(tmp_path / "made.urdf"))
+    assert not {*robot.joint_names} & {*positions}
+    assert robot.n_joints == 7 - len(positions)
+    q = rng.uniform(-1.0, 1.0, size=robot.n_joints)
+    moved = dict(zip(robot.joint_names, q, strict=True))
+    (tip,), torque = points(model, moved | positions, ["a6"])
+    expected = tip.act(np.array([0.06, 0.0, 0.08]))
+    np.testing.assert_allclose(robot.tcp_position(q[None])[0], expected, atol=1e-12)
+    entries = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+    np.testing.assert_allclose(robot.gravity_torque(q[None])[0], -torque[entries], atol=1e-9)
+    assert np.allclose(chain.model.gravity.linear, robot.gravity)
+
+
+def test_the_position_of_a_held_joint_is_in_the_robot_and_the_hash(tmp_path, rng):
+    chains = [chain_of(tmp_path, TRACK, hold={"to_cart": x}) for x in (500.0, 500.0, 501.0)]
+    assert chains[0].robot.held == ("to_cart=500 mm",)
+    assert "to_cart=500 mm" in repr(chains[0].robot)
+    one = np.ones(1)
+    samples = Samples(
+        q=rng.normal(size=(1, 6)),
+        wrench=np.ones((1, 6)),
+        deflection=np.ones((1, 3)),
+        pose_id=one.astype(str),
+        load_id=one.astype(str),
+        group=one.astype(str),
+    )
+    first, again, other = (BenchmarkData(samples, chain.robot).sha256 for chain in chains)
+    assert first == again != other
+    unheld = replace(chains[0].robot, held=())  # what no joint holds adds nothing to the hash
+    assert BenchmarkData(samples, unheld).sha256 == first
+
+
+def test_a_mimic_joint_follows_a_held_joint_on_and_off_the_chain(tmp_path):
+    path = tree_urdf(tmp_path / "made.urdf", arm_lines("base", "a", 6) + GRIPPER)
+    mimic = '<mimic joint="to_grip"/>'
+    numbers = '<mimic joint="to_grip" multiplier="-10" offset="0.25"/>'
+    path.write_text(path.read_text().replace(mimic, numbers, 2))
+    chain = read_chain(path, tip="tool0", hold={"to_grip": 30.0})
+    assert chain.robot.n_joints == 6
+    assert {*chain.robot.held} >= {"to_grip=30 mm", "to_jaw2=-50 mm"}
+    model = pin.buildModelFromUrdf(str(path))
+    positions = {"to_grip": 0.03, "to_pad": -0.05, "to_jaw2": -0.05}
+    (tip,), torque = points(model, positions, ["tool0"])
+    q = np.zeros((1, 6))
+    np.testing.assert_allclose(chain.robot.tcp_position(q)[0], tip.translation, atol=1e-12)
+    entries = [model.joints[model.getJointId(name)].idx_v for name in chain.robot.joint_names]
+    np.testing.assert_allclose(chain.robot.gravity_torque(q)[0], -torque[entries], atol=1e-9)
+
+
+@pytest.mark.parametrize("base", ["cart", "a1", "mark"])
+def test_the_chain_starts_at_a_given_base_link(tmp_path, rng, base):
+    chain = chain_of(tmp_path, f"{TRACK}\ncart mark fixed x=0.4", base=base)
+    robot, model = chain.robot, pin.buildModelFromUrdf(str(tmp_path / "made.urdf"))
+    q = rng.uniform(-1.0, 1.0, size=robot.n_joints)
+    moved = dict(zip(robot.joint_names, q, strict=True))
+    (start, tip), _ = points(model, moved, [base, "a6"])
+    expected = start.actInv(tip.translation)
+    np.testing.assert_allclose(robot.tcp_position(q[None])[0], expected, atol=1e-12)
+    assert chain.notes == () or "locked" not in chain.notes[-1]
+    assert robot.gravity[2] == -9.81
+
+
+def test_the_weight_points_down_in_a_base_that_a_held_joint_tilts(tmp_path):
+    chain = chain_of(tmp_path, TORSO, base="torso", hold={"to_torso": 30.0})
+    assert chain.robot.joint_names[0] == "to_a1"
+    expected = 9.81 * np.array([np.sin(np.pi / 6), 0.0, -np.cos(np.pi / 6)])
+    np.testing.assert_allclose(chain.robot.gravity, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "parts"),
+    [
+        ({"hold": {"rail": 1.0}}, ConfigError, ["hold", "made.urdf", "'rail'", "to_cart"]),
+        ({"hold": {"8": 1.0}}, ConfigError, ["hold", "'8'", "to_cart"]),
+        ({"hold": {"to_cart": None}}, ConfigError, ["hold", "to_cart", "missing", "mm"]),
+        ({"hold": {"to_cart": 4001.0}}, ConfigError, ["hold", "to_cart=4001", "0..4000 mm"]),
+        ({"hold": {"to_cart": np.nan}}, ConfigError, ["hold", "to_cart=nan", "0..4000 mm"]),
+        ({"hold": {"to_a1": 120.0}}, ConfigError, ["hold", "to_a1=120", "114.592 deg"]),
+        ({"hold": {"to_cart": 1.0, "1": 1.0}}, ConfigError, ["hold", "to_cart", "twice"]),
+        ({"hold": {"to_pad": 1.0}}, ConfigError, ["hold", "to_pad", "follows to_grip"]),
+        ({"hold": {"to_puck": 1.0}}, ConfigError, ["hold", "to_puck", "3 degrees"]),
+        ({"hold": {str(i): 1.0 for i in range(1, 8)}, "tip": "a6"}, DataError, ["no moving"]),
+        ({"tip": "tool0"}, DataError, ["to_pad", "mimic", "--hold to_grip=VALUE"]),
+        ({"base": "chart"}, ConfigError, ["base", "'chart'", "did you mean 'cart'"]),
+        ({"base": "puck"}, ConfigError, ["base", "puck", "'a6'"]),
+        ({"base": "a3"}, ConfigError, ["base", "a3", "gravity", "to_a2"]),
+        ({"base": "a6"}, DataError, ["base", "a6", "no moving"]),
+        ({"base": "cart", "hold": {"to_cart": 5.0}}, ConfigError, ["hold", "to_cart", "leave"]),
+    ],
+)
+def test_what_cannot_be_held_or_a_base_is_refused_by_name(tmp_path, options, error, parts):
+    with pytest.raises(error) as caught_error:
+        chain_of(tmp_path, f"{TRACK}\nbase puck planar{GRIPPER}", **({"tip": "a6"} | options))
+    for part in parts:
+        assert part in str(caught_error.value)
