@@ -681,7 +681,7 @@ def _marks(entries: Sequence[object]) -> str:
 _OF_ROBOT = "robot "
 """How the names of the robot's fields begin in the archive."""
 _ROBOT_ARRAYS = tuple(
-    item.name for item in fields(Robot) if item.name not in ("controller", "held")
+    item.name for item in fields(Robot) if item.name not in ("controller", "held", "stand")
 )
 """Fields of a robot that results need."""
 

@@ -83,27 +83,30 @@ def reachable_poses(
 def keeps_clear(robot: Robot, q: FloatArray, clearance: float) -> BoolArray:
     """Return (n,) true if poses (n, n_joints) have `clearance` [m] and the least height."""
     slides = robot.n_slides
-    base, height = arm_distances(robot.forward(q).points, slides)
+    base, height = arm_distances(robot.forward(q).points, slides, robot.stand)
     is_arm = slides < robot.n_joints  # otherwise no joint can move towards the base
     return (height >= LOWEST_HEIGHT) & ((base >= clearance) | (not is_arm))
 
 
-def arm_distances(points: FloatArray, slides: int = 0) -> tuple[FloatArray, FloatArray]:
+def arm_distances(
+    points: FloatArray, slides: int = 0, stand: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return (n,) smallest distances [m] of the arm to the base column and to z = 0.
 
-    The arm begins at the elbow. The column is the segment from the base frame's origin, or from
-    below the carriage, to joint 2 (joint 1 of a shorter arm).
+    The arm begins at the elbow. The column is the segment from below `stand`, or from below
+    the carriage, to joint 2 (joint 1 of a shorter arm).
 
     Args:
         points: (n, n_joints + 1, 3) from `Robot.forward`.
         slides: number of prismatic joints at the base; joints are counted from the next one.
+        stand: (3,) where an arm without such joints stands, base frame, m; None: the origin.
     """
     last = points.shape[1] - 1
     n_extra_joints = max(last - slides - 6, 0)  # a seventh joint turns the upper arm about itself
     elbow = min(slides + 2 + n_extra_joints, last)
-    column_start = (
-        points[:, slides - 1 : slides] * (1.0, 1.0, 0.0) if slides else np.zeros((1, 1, 3))
-    )
+    place = np.zeros(3) if stand is None else stand
+    carriage = points[:, slides - 1 : slides] if slides else place[None, None]
+    column_start = carriage * (1.0, 1.0, 0.0)
     column_end = points[:, [slides + 1 if elbow < last else slides]]
     arm_start = points[:, elbow : max(last, elbow + 1)]
     base = _segment_distance(arm_start, points[:, min(elbow + 1, last) :], column_start, column_end)

@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -124,17 +125,17 @@ def read_chain(
     """
     tree, mimics, controller = _parse(urdf)
     frame, notes = _chosen_tip(tree, mimics, urdf, tip)
-    path = [*tree.supports[frame.parentJoint]][1:]
+    chain = [*tree.supports[frame.parentJoint]][1:]
     ahead: list[int] = []
     if base is not None:
         base_frame = _link(tree, urdf, base, "base")
         ahead = [*tree.supports[base_frame.parentJoint]][1:]
-        if ahead != path[: len(ahead)]:
+        if ahead != chain[: len(ahead)]:
             text = f"{base}: the chain to the link {frame.name!r} does not pass it"
             raise ConfigError(f"{urdf}: {text}", "base")
-    hold = hold or {}
-    fixed = _held_joints(tree, mimics, path[len(ahead) :], hold, urdf)
-    path = [joint for joint in path[len(ahead) :] if joint not in fixed]
+    chain, hold = chain[len(ahead) :], hold or {}
+    fixed = _held_joints(tree, mimics, chain, hold, urdf)
+    path = [joint for joint in chain if joint not in fixed]
     if not path:
         place = f" between the base and the link {tip or frame.name!r}" * bool(tip or base or hold)
         raise DataError(f"{urdf}: no moving joint{place}; a stiffness model needs at least one")
@@ -163,6 +164,10 @@ def read_chain(
                 text = f"before the base {base} its position changes no number; leave it out"
                 raise ConfigError(f"{tree.names[joint]}: {text}", "hold")
     model, lock_note = _with_other_joints_locked(tree, path, positions, {*ahead, *fixed}, mimics)
+    start, stand = pin.SE3.Identity(), np.zeros(3)
+    for joint in takewhile(lambda joint: joint in fixed and _slides(tree, joint), chain):
+        carriage = model.getFrameId(tree.names[joint], pin.FrameType.FIXED_JOINT)
+        stand = model.frames[carriage].placement.translation
     if base is not None:
         start = model.frames[model.getFrameId(base_frame.name, pin.FrameType.BODY)].placement
         model.jointPlacements[1] = start.actInv(model.jointPlacements[1])
@@ -176,6 +181,7 @@ def read_chain(
             _robot(model, flange, offset),
             controller=controller,
             held=tuple(_position_text(tree, joint, fixed[joint]) for joint in fixed),
+            stand=start.actInv(stand),
         )
     except DataError as error:
         raise DataError(f"{urdf}: {error}") from error

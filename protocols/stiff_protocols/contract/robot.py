@@ -60,6 +60,7 @@ class Robot(ShownObject, SerialChain):
         controller: joint angles and frames of its controller; None: the same as the description's.
         held: joints of its description that were fixed at a position when it was read, such as
             "rail=500 mm"; its placements have these positions.
+        stand: (3,) where the arm stands on held slides at the base, base frame, m.
     """
 
     name: str
@@ -78,13 +79,16 @@ class Robot(ShownObject, SerialChain):
     )
     controller: Controller | None = field(default=None, metadata={"shapes_no_result": True})
     held: tuple[str, ...] = field(default=(), metadata={"shapes_no_result": True})
+    stand: FloatArray = field(
+        default_factory=lambda: np.zeros(3), metadata={"shapes_no_result": True}
+    )
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
         if n == 0 or len(self.joint_types) != n:
             raise DataError(f"robot {self.name!r}: {n} joint names, {len(self.joint_types)} types")
         freeze(self, placements=(n, 4, 4), axes=(n, 3), masses=(n,), centres_of_mass=(n, 3))
-        freeze(self, tcp=(3,), gravity=(3,), flange=(4, 4))
+        freeze(self, tcp=(3,), gravity=(3,), flange=(4, 4), stand=(3,))
         for name in ("lower", "upper"):  # only limits may be infinite
             limits = np.array(getattr(self, name), dtype=np.float64)
             if limits.shape != (n,) or np.isnan(limits).any():
@@ -159,9 +163,10 @@ class Robot(ShownObject, SerialChain):
     def arm_base(self, points: FloatArray) -> FloatArray:
         """Return the (n, 3) positions of the arm on its `n_slides` joints, base frame, m.
 
-        Without such joints they are the base frame's origin. Args: `points` as in `ChainPoses`.
+        Without such joints they are `stand`. Args: `points` as in `ChainPoses`.
         """
-        return points[:, self.n_slides - 1] if self.n_slides else np.zeros((len(points), 3))
+        slides = self.n_slides
+        return points[:, slides - 1] if slides else np.tile(self.stand, (len(points), 1))
 
     @property
     def mass_doubt(self) -> str:

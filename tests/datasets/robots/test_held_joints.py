@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from helpers.made_robots import arm_lines, tree_urdf
+from stiff_datasets.planning.reachable import keeps_clear
 from stiff_datasets.robots.urdf_reader import read_chain
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.types import BenchmarkData, Samples
@@ -97,6 +98,18 @@ def test_a_mimic_joint_follows_a_held_joint_on_and_off_the_chain(tmp_path):
     np.testing.assert_allclose(chain.robot.tcp_position(q)[0], tip.translation, atol=1e-12)
     entries = [model.joints[model.getJointId(name)].idx_v for name in chain.robot.joint_names]
     np.testing.assert_allclose(chain.robot.gravity_torque(q)[0], -torque[entries], atol=1e-9)
+
+
+def test_an_arm_on_a_held_rail_stands_where_the_rail_holds_it(tmp_path):
+    chain = chain_of(tmp_path, TRACK, hold={"to_cart": 1500.0})
+    np.testing.assert_allclose(chain.robot.stand, [0.0, 1.5, 0.3], atol=1e-12)
+    moving = chain_of(tmp_path, TRACK).robot
+    q = np.array([[1.5, *np.full(6, 0.3)]])
+    place, held_place = moving.arm_base(moving.forward(q).points), chain.robot.arm_base(q)
+    np.testing.assert_allclose(held_place, place, atol=1e-12)
+    clear = keeps_clear(chain.robot, q[:, 1:], 0.3), keeps_clear(moving, q, 0.3)
+    assert clear[0] == clear[1]
+    assert not chain_of(tmp_path, TRACK, hold={"to_a1": 0.0}).robot.stand.any()
 
 
 @pytest.mark.parametrize("base", ["cart", "a1", "mark"])
