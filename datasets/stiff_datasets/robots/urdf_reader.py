@@ -78,7 +78,7 @@ MAX_NAMED_IN_NOTE, MAX_NAMED_IN_ERROR = 6, 20
 
 @dataclass(frozen=True)
 class Mimic:
-    """What a mimic joint follows: position = multiplier * position of `joint` + offset."""
+    """The rule of a mimic joint: its position is `multiplier` times `joint`'s, plus `offset`."""
 
     joint: str
     multiplier: float
@@ -708,7 +708,7 @@ def _with_other_joints_locked(
 def _locked_positions(
     tree: pin.Model, path: Sequence[int], fixed: Mapping[int, float]
 ) -> FloatArray:
-    """Return the (n_q,) configuration that all joints but those of `path` are locked at.
+    """Return the (n_q,) configuration that all joints off the `path` are locked at.
 
     `fixed`: joint -> position, rad or m. The others are at zero, or at the limit nearest to zero.
     """

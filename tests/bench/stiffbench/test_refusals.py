@@ -23,7 +23,7 @@ FIT = "fit --model vjm --dataset kr10-twin --output"
 PREDICT = "predict --model vjm.stiff --input good.csv --output"
 CORRECT = "path compensate --model vjm.stiff --path path.csv --output c.csv"
 HOLD = "path example --urdf track.urdf --load 0,10,-40,0,0,0 --output e.csv"
-OWN = "run --model vjm --data good.csv"
+OWN_FILE = "run --model vjm --data good.csv"
 PLAN = "data plan --output p.csv"
 
 REFUSED = {
@@ -70,12 +70,12 @@ REFUSED = {
     f"{HOLD} --hold to_cart=5000": ["--hold to_cart=5000", "0..4000 mm"],
     f"{HOLD} --hold to_cart=nan": ["'to_cart=nan'", "JOINT=VALUE"],
     f"{HOLD} --hold to_cart=1 --hold to_cart=2": ["--hold", "to_cart", "twice"],
-    f"{OWN} --urdf track.urdf": ["--hold to_cart=VALUE"],
-    f"{OWN} --urdf track.urdf --hold rail=1": ["--hold", "'rail'", "to_cart"],
-    f"{OWN} --urdf track.urdf --hold 1=5000": ["--hold 1=5000", "0..4000 mm"],
-    f"{OWN} --urdf track.urdf --base chart": ["--base", "'chart'", "did you mean 'cart'"],
-    f"{OWN} --robot ur5 --hold J1=0": ["--hold J1 requires --urdf"],
-    f"{OWN} --robot ur5 --base base": ["--base base requires --urdf"],
+    f"{OWN_FILE} --urdf track.urdf": ["--hold to_cart=VALUE"],
+    f"{OWN_FILE} --urdf track.urdf --hold rail=1": ["--hold", "'rail'", "to_cart"],
+    f"{OWN_FILE} --urdf track.urdf --hold 1=5000": ["--hold 1=5000", "0..4000 mm"],
+    f"{OWN_FILE} --urdf track.urdf --base chart": ["--base", "'chart'", "did you mean 'cart'"],
+    f"{OWN_FILE} --robot ur5 --hold J1=0": ["--hold J1 requires --urdf"],
+    f"{OWN_FILE} --robot ur5 --base base": ["--base base requires --urdf"],
     "data register good.csv --robot ur5 --hold J1=0": ["--hold J1 requires --urdf"],
 }
 """Words of `bench` -> texts that its error must contain."""
