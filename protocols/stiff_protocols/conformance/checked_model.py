@@ -6,7 +6,7 @@ import io
 import random
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
@@ -27,8 +27,6 @@ SMALLEST = 1e-9  # m; far below what any instrument resolves
 INFLATION = 1e3
 """Factor on labels whose effect must show in a model fitted to them."""
 FROM_SEED = "draw all random numbers from `seed`: rng = np.random.default_rng(seed)"
-OURS = ("stiff_bench", "stiff_datasets", "stiff_models", "stiff_protocols", "stiffbench")
-"""Packages whose functions must not be replaced by a model."""
 
 
 class CheckedModel:
@@ -85,7 +83,6 @@ class CheckedModel:
         }
         self.fit_faults: list[Failed] = []
         self.side_effects: list[Failed] = []
-        self._ours = _our_functions()
 
     @remembered
     def _made(self) -> StiffnessModel:
@@ -178,14 +175,6 @@ class CheckedModel:
         )
         return interval
 
-    def replaced_functions(self) -> Iterator[Failed]:
-        """Yield stiffbench functions and classes that the model replaced, and restore them."""
-        for (module, name), ours in self._ours.items():
-            if vars(sys.modules[module]).get(name) is not ours:
-                setattr(sys.modules[module], name, ours)
-                advice = "inherit from a stiffbench class, or wrap its function"
-                yield Failed(f"replaces {module}.{name}", advice)
-
     def _watched(self, work: Callable[[], Any]) -> Any:
         """Call `work` and record its output and changed global random states."""
         before, printed = _random_states(), io.StringIO()
@@ -222,17 +211,6 @@ def _stating_more(samples: Samples) -> Samples:
 def _options(model: StiffnessModel) -> dict[str, str]:
     """Return the repr of each option."""
     return {name: repr(value) for name, value in model.get_params(deep=False).items()}
-
-
-def _our_functions() -> dict[tuple[str, str], object]:
-    """Return the functions and classes in stiffbench modules, by module and name."""
-    return {
-        (module, name): value
-        for module, content in list(sys.modules.items())
-        if module.partition(".")[0] in OURS
-        for name, value in list(vars(content).items())
-        if callable(value)
-    }
 
 
 def _random_states() -> dict[str, object]:

@@ -283,8 +283,8 @@ class ModelChecks(CheckedModel):
     def fit_and_predict_touch_nothing_else(self) -> None:
         """Keep changes to the model itself."""
         self.predicted()  # this check is the last, after all fits and predictions
-        if effects := [*self.side_effects, *self.replaced_functions()]:
-            raise effects[0]
+        if self.side_effects:
+            raise self.side_effects[0]
 
     def _same_unless_by_chance(self, what: str, prediction: FloatArray) -> None:
         """Compare a prediction with the first fit's, if equal fits give equal predictions."""
