@@ -218,7 +218,7 @@ def check_descriptor_files(path: Path) -> None:
         try:
             descriptor = json.loads(descriptor_path.read_bytes())
             publisher = descriptor.get("generator") or descriptor["sdPublisher"]["name"]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
             publisher = None
         if publisher != GENERATOR:
             raise StoreError(

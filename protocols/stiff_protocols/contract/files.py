@@ -54,10 +54,6 @@ def written_whole(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-LARGEST = 2**16
-"""Bytes; the time of `tomllib` grows with the square of a dotted key's parts."""
-
-
 def read_toml(
     path: Path, *, named: str = "", error: type[StiffBenchError] = DataError
 ) -> dict[str, Any]:
@@ -66,18 +62,12 @@ def read_toml(
     Args:
         path: path of the file.
         named: name of the file in the error; "": its path.
-        error: error to raise if the file cannot be read, is not TOML, or is too large.
+        error: error to raise if the file cannot be read, or is not TOML.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST + 1)
-        if len(content) > LARGEST:
-            raise ValueError(f"larger than {LARGEST} bytes")
-        return tomllib.loads(content.decode())
+        return tomllib.loads(path.read_bytes().decode())
     except OSError as problem:
         reason = problem.strerror or problem
         raise error(f"{named or path}: cannot be read: {reason}") from problem
-    except RecursionError as problem:
-        raise error(f"{named or path}: not TOML: nested too deeply") from problem
     except ValueError as problem:
         raise error(f"{named or path}: not TOML: {problem}") from problem

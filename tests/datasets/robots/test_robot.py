@@ -122,9 +122,6 @@ def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped
             joint("base", "A") + joint("A", "B") + joint("B", "A"),
             "link 'A' is the child of 2 joints",
         ),
-        ("".join(joint(f"L{i}", f"L{i + 1}") for i in range(1001)), "more than 1000 joints"),
-        ("<a>" * 60 + "</a>" * 60, "more than 50 elements inside each other"),
-        ("<!--" + "x" * 2**24 + "-->", "larger than 16777216 bytes"),
         # what Pinocchio takes and no robot has
         (joint().replace("0 0 1", "1e308 0 1e308"), "unit length"),
         (joint(inside='<origin xyz="nan 0 0"/>'), ""),
@@ -144,13 +141,9 @@ def test_a_tcp_in_millimetres_or_with_gaps_is_refused(tmp_path, tcp):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [
-        ("x.urdf", "not a robot description"),
-        ("absent", "cannot read"),
-        ("/dev/zero", "larger than"),
-    ],
+    [("x.urdf", "not a robot description"), ("absent", "cannot read")],
 )
-def test_a_file_that_is_no_urdf_is_missing_or_without_end_is_refused(tmp_path, name, message):
+def test_a_file_that_is_no_urdf_or_is_missing_is_refused(tmp_path, name, message):
     (tmp_path / "x.urdf").write_text("<notrobot/>")
     with pytest.raises(DataError, match=f"{name}: {message}"):
         read_chain(tmp_path / name)
