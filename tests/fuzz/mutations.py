@@ -1,12 +1,10 @@
-"""Damage valid input by a seed: as bytes, text, cells or a tree of JSON."""
+"""Damage valid input by a seed: as bytes, lines or words of a text."""
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Callable
 from random import Random
-from typing import Any
 
 Mutator = Callable[[bytes, Random], bytes]
 
@@ -20,11 +18,6 @@ WORDS = (
     *("true", "null", "None", "NA", "=1+1", "%s%n", "{0}", "<script>", "/dev/null", "a" * 70_000),
 )
 NONSENSE = (*NUMBERS, *WORDS)
-JSON_NONSENSE: tuple[Any, ...] = (
-    *(None, True, False, 0, -1, 1.5, 1e308, 5e-324, 2**31, 2**63, -(2**63), 10**30, [], {}, [[]]),
-    *("", "nan", "inf", "\x00", "é", "\u2028", "../../etc", "a" * 5000, [None], {"": 0}),
-    *([0] * 1000, {"type": "list"}, {"low": 1}, [[[[[[1]]]]]]),
-)
 ENCODINGS = ("utf-16", "utf-32", "utf-8-sig", "utf-16-le", "utf-7", "cp037")
 _TOKEN = re.compile(r"[\w.+-]+")
 
@@ -87,36 +80,3 @@ def damage_text(data: bytes, rng: Random) -> bytes:
     )
     (damage,) = rng.choices(damages, (2, 1, 3, 4))
     return damage()
-
-
-def damage_tree(tree: Any, rng: Random) -> Any:
-    """Replace, remove, double or wrap one to three nodes of a JSON tree."""
-    tree = copy.deepcopy(tree)
-    for _ in range(rng.randint(1, 3)):
-        places = list(_places(tree))
-        if not places:
-            return copy.deepcopy(rng.choice(JSON_NONSENSE))
-        parent, key = rng.choice(places)
-        other_parent, other_key = rng.choice(places)
-        node, nonsense = parent[key], rng.choice(JSON_NONSENSE)
-        if rng.random() < 0.2:
-            del parent[key]
-        else:
-            parent[key] = copy.deepcopy(
-                rng.choice(
-                    (nonsense, other_parent[other_key], [node], [node] * 100, {"type": node})
-                )
-            )
-    return tree
-
-
-def _places(tree: Any) -> Any:
-    """Yield (container, key) of every node below the root; a sample of long lists."""
-    todo = [tree]
-    while todo:
-        node = todo.pop()
-        keys = list(node) if isinstance(node, dict) else range(min(len(node), 8))
-        for key in keys:
-            yield node, key
-            if isinstance(node[key], dict | list):
-                todo.append(node[key])

@@ -1,4 +1,4 @@
-"""Prepare every reader of user files with valid inputs, hard cases and damage."""
+"""Prepare every reader of user files with valid inputs and damage."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from fuzz import hard_cases
 from fuzz.mutations import Mutator, damage_bytes, damage_text
-from fuzz.sealed import damage_model, damage_parquet
 
 from helpers.made_results import MadeResults
 from helpers.quick_models import quick_model, twin_data
@@ -47,7 +45,6 @@ class PreparedReader:
         path: file to which an input is written.
         valid: inputs that are accepted.
         read: the reader.
-        hard: inputs that are tried first.
         damage: function that damages valid inputs.
         also_named: other files that a refusal may name.
     """
@@ -55,7 +52,6 @@ class PreparedReader:
     path: Path
     valid: tuple[bytes, ...]
     read: Callable[[Path], object]
-    hard: tuple[bytes, ...] = ()
     damage: Mutator = damage_text
     also_named: tuple[str, ...] = ()
 
@@ -64,13 +60,12 @@ def _samples(
     folder: Path,
     name: str,
     read: Callable[[Path, Robot], object] = read_samples,
-    hard: Callable[[bytes], tuple[bytes, ...]] = lambda _: (),
     damage: Mutator = damage_text,
 ) -> PreparedReader:
     data, path = twin_data(), folder / name
     write_table(path, [sample_table(data.samples.take(range(6)), data.robot)])
     valid = path.read_bytes()
-    return PreparedReader(path, (valid,), lambda path: read(path, data.robot), hard(valid), damage)
+    return PreparedReader(path, (valid,), lambda path: read(path, data.robot), damage)
 
 
 def _card(folder: Path) -> PreparedReader:
@@ -89,22 +84,19 @@ def _card(folder: Path) -> PreparedReader:
             raise DataError(f"{path}: other facts")
         return descriptors
 
-    return PreparedReader(csv.with_suffix(".md"), (valid,), read, hard_cases.cards())
+    return PreparedReader(csv.with_suffix(".md"), (valid,), read)
 
 
 def _urdf(folder: Path) -> PreparedReader:
     robots = files("stiff_datasets.robots")
     valid = tuple((robots / f"{name}.urdf").read_bytes() for name in ("kr10_r1100_2", "ur5"))
-    return PreparedReader(folder / "robot.urdf", valid, read_robot, hard_cases.urdfs(valid[0]))
+    return PreparedReader(folder / "robot.urdf", valid, read_robot)
 
 
 def _twin(folder: Path) -> PreparedReader:
     twins = files("stiff_datasets") / "twins"
     valid = tuple((twins / f"{name}.toml").read_bytes() for name in ("kr10_r1100_2", "ur5"))
-    hard = (*hard_cases.tomls(valid[0]), *hard_cases.twins(valid[0]))
-    return PreparedReader(
-        folder / "twin.toml", valid, lambda path: read_constants(path).robot(), hard
-    )
+    return PreparedReader(folder / "twin.toml", valid, lambda path: read_constants(path).robot())
 
 
 GRID = b"""[mlp]
@@ -126,13 +118,13 @@ def _grid(folder: Path) -> PreparedReader:
             Choice.of(nested_protocol, {"grid": str(path), "search": "optuna"}), models
         )
 
-    return PreparedReader(folder / "grid.toml", (GRID,), read, hard_cases.tomls(GRID))
+    return PreparedReader(folder / "grid.toml", (GRID,), read)
 
 
 def _study(folder: Path) -> PreparedReader:
     valid = (files("stiff_studies") / "intervals.toml").read_bytes()
     read = partial(_planned_study, build_registry(), folder)
-    return PreparedReader(folder / "study.toml", (valid,), read, hard_cases.tomls(valid))
+    return PreparedReader(folder / "study.toml", (valid,), read)
 
 
 def _planned_study(registry: Registry, folder: Path, path: Path) -> object:
@@ -150,7 +142,7 @@ def _results(folder: Path) -> PreparedReader:
         data = [read_data(folder, result.cell.data_sha256) for result in cells]
         return cells, read_manifests(folder), data
 
-    return PreparedReader(path, (valid,), read, hard_cases.results(valid), damage_bytes)
+    return PreparedReader(path, (valid,), read, damage_bytes)
 
 
 def _program(folder: Path, name: str) -> PreparedReader:
@@ -186,13 +178,12 @@ def _models(folder: Path) -> PreparedReader:
         output.unlink(missing_ok=True)
         return load_model(path).predict_file(loads, output)
 
-    hard, other_names = hard_cases.models(valid), (loads.name, output.name)
-    return PreparedReader(path, tuple(valid), read, hard, damage_model, other_names)
+    return PreparedReader(path, tuple(valid), read, damage_bytes, (loads.name, output.name))
 
 
 READERS: dict[str, Callable[[Path], PreparedReader]] = {
-    "measured CSV": partial(_samples, name="samples.csv", hard=hard_cases.tables),
-    "measured Parquet": partial(_samples, name="samples.parquet", damage=damage_parquet),
+    "measured CSV": partial(_samples, name="samples.csv"),
+    "measured Parquet": partial(_samples, name="samples.parquet", damage=damage_bytes),
     "described CSV": partial(_samples, name="described.csv", read=describe),
     "data card": _card,
     "loads CSV": partial(_samples, name="loads.csv", read=read_loads),

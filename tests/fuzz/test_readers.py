@@ -8,7 +8,6 @@ import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import chain, islice
 from pathlib import Path
 from random import Random
 
@@ -62,13 +61,12 @@ def _hang(number: int, frame: object) -> None:
 @pytest.mark.parametrize("n_inputs", [FEW, pytest.param(MANY, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", READERS)
 def test_a_damaged_file_is_read_or_refused_by_name(name, n_inputs, tmp_path):
-    """Try the hard cases, then damaged input; a failing input stays in the folder."""
+    """Damage valid inputs; a failing input stays in the folder."""
     reader, rng = READERS[name](tmp_path), Random(name)
-    damaged_inputs = (reader.damage(rng.choice(reader.valid), rng) for _ in range(n_inputs))
     n_accepted = 0
     with _limits():
-        for data in islice(chain(reader.hard, damaged_inputs), n_inputs):
-            reader.path.write_bytes(data)
+        for _ in range(n_inputs):
+            reader.path.write_bytes(reader.damage(rng.choice(reader.valid), rng))
             n_accepted += _accepts(reader)
     assert n_accepted < 3 / 4 * n_inputs  # more would mean that the damage has no effect
     assert n_accepted > 0 or n_inputs == FEW

@@ -123,6 +123,7 @@ def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped
             "link 'A' is the child of 2 joints",
         ),
         # what Pinocchio takes and no robot has
+        (joint().replace("0 0 1", "0 0 0"), "unit length"),
         (joint().replace("0 0 1", "1e308 0 1e308"), "unit length"),
         (joint(inside='<origin xyz="nan 0 0"/>'), ""),
     ],
