@@ -1,67 +1,43 @@
-"""Progress of a run on a terminal and in a notebook."""
+"""Progress of a run and of other work."""
 
 from __future__ import annotations
 
-import io
 from types import SimpleNamespace
 
-from rich.console import Console
-from rich.progress import Progress as Bars
-
-from stiff_bench.run.progress import Display, NotebookDisplay
-from stiff_protocols.contract.progress import Progress
+from stiff_bench.run.progress import display
+from stiff_protocols.contract.progress import Progress, report
 
 
-def cell(model):
+def cell(model, **result):
     """Return a stub of a cell and its result."""
     presentation = SimpleNamespace(model=model, dataset="data", protocol="holdout")
     identity = SimpleNamespace(condition="", split_index=0)
-    return SimpleNamespace(status="ok", presentation=presentation, cell=identity, n_splits=1)
+    about = {"status": "ok", "presentation": presentation, "cell": identity, "n_splits": 1}
+    return SimpleNamespace(**about | result)
 
 
-def test_off_a_terminal_lines_name_cells_phases_and_what_became_of_them(capsys):
-    display = Display(Bars(console=Console(file=io.StringIO(), force_terminal=False)))
-    display.begin(2, 2)
-    display.start(cell("quick"))
-    display.step(Progress("training", 1, 2, 0.5))
-    display.end(cell("quick"))
-    display.start(cell("quick"))
-    assert capsys.readouterr().err.splitlines() == [
-        "2 of 4 fits are stored; 2 to compute",
-        "[1/2] quick on data, holdout split 1/1 (2 cached)",
-        "  training 1/2, loss 0.5",
-        "[2/2] quick on data, holdout split 1/1 (2 cached, 1 ok)",
-    ]
+def test_one_bar_has_the_newest_fit_its_phase_and_what_became_of_the_others(monkeypatch, capsys):
+    monkeypatch.setattr("stiff_bench.run.progress.SECONDS_BETWEEN_LINES", 0.0)
+    with display() as shown:
+        shown.begin(2, 2)
+        shown.start(cell("quick"))
+        shown.step(Progress("training", 1, 2, 0.5))
+        shown.end(cell("quick"))
+        shown.end(cell("bad", status="failed", failure="why\x1b", log=("last",)))
+    out, err = capsys.readouterr()
+    lines = [line.strip() for line in err.replace("\r", "\n").splitlines() if line.strip()]
+    assert out == "" and "0/2" in lines[0] and "2 cached" in lines[1]
+    assert any("quick on data, holdout split 1/1" in line for line in lines)
+    assert any("2 cached; training 1/2; loss 0.5" in line for line in lines)
+    assert any("2/2" in line and "2 cached, 1 ok, 1 failed" in line for line in lines)
+    assert [line for line in lines if "%" not in line] == [r"bad: FAILED: why\x1b", "| last"]
 
 
-class Output:
-    """The output of a notebook cell, as a list of what it displayed."""
-
-    def __init__(self):
-        self.displays = []
-
-    def __call__(self, content, raw, display_id):
-        assert raw and display_id and not self.displays  # one output, which changes
-        self.update(content, raw)
-        return self
-
-    def update(self, content, raw):
-        self.displays.append(content["text/plain"])
-
-
-def test_in_a_notebook_one_output_has_the_newest_line_and_failures_stay(monkeypatch, capsys):
-    output = Output()
-    monkeypatch.setattr("IPython.display.display", output)
-    display = NotebookDisplay(Bars(console=Console(file=io.StringIO()), disable=True))
-    display.begin(1, 0)
-    display.start(cell("broken"))
-    display.step(Progress("training", 1, 2, 0.5))
-    failed = {**vars(cell("broken")), "status": "failed", "failure": "why", "log": ()}
-    display.end(SimpleNamespace(**failed))
-    display.close(3.2)
-    assert output.displays == [
-        "[1/1] broken on data, holdout split 1/1",
-        "  training 1/2, loss 0.5",
-        "1 failed in 3 s",
-    ]
-    assert capsys.readouterr().out == "  broken: FAILED: why\n"
+def test_other_work_has_a_bar_for_each_phase(capsys):
+    with display():
+        report("poses", 1, 2)
+        report("poses", 2, 2)
+        report("loads", 3, 3)
+    lines = capsys.readouterr().err.replace("\r", "\n").splitlines()
+    last_lines = {line.partition(":")[0]: line for line in lines if ":" in line}
+    assert "2/2" in last_lines["poses"] and "3/3" in last_lines["loads"]
