@@ -23,7 +23,6 @@ from distributed import Client, Future, KilledWorker, get_worker
 import stiff_bench
 import stiff_models
 import stiff_protocols
-from stiff_bench.console import say
 from stiff_bench.plan.cells import CellTask
 from stiff_bench.run.cell import Execution, fit_input, score
 from stiff_bench.run.fit import FitOutcome
@@ -78,7 +77,7 @@ class DaskCluster(Execution):
                         ]  # the default lists five
                         n_before, n_workers, counted = n_workers, len(workers), time.monotonic()
                         if n_workers == 0 != n_before:
-                            say(f"--dask {self.address}: no workers yet; waiting")
+                            display.note(f"--dask {self.address}: no workers yet; waiting")
                     while task is not None and len(running) < n_workers:
                         display.start(task)
                         given = fit_input(task)

@@ -71,7 +71,11 @@ class Display:
         if result.status == "failed":
             log = [f"    | {line}" for line in result.log[-SHOWN_LOG_LINES:]]
             for line in (f"  {result.presentation.model}: FAILED: {result.failure}", *log):
-                tqdm.write(one_line(line), file=sys.stderr)
+                self.note(line)
+
+    def note(self, line: str) -> None:
+        """Print a line above the bar."""
+        tqdm.write(one_line(line), file=sys.stderr)
 
     def close(self) -> None:
         """End the bar; off a terminal its last state stays."""
