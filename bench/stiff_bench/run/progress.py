@@ -1,6 +1,6 @@
-"""Show the progress of a run, or of other long work, as a bar of tqdm.
+"""Show the progress of a run, or of other long work, as a bar of tqdm; off a terminal as lines.
 
-It is on standard error, or a widget in a notebook: only tables go to standard output.
+They are on standard error, or a widget in a notebook: only tables go to standard output.
 """
 
 from __future__ import annotations
@@ -22,14 +22,23 @@ with warnings.catch_warnings(action="ignore"):  # of a notebook without ipywidge
 
 SHOWN_LOG_LINES = 6
 SECONDS_BETWEEN_LINES = 5.0
-"""Period of the bar's lines off a terminal, such as in the log of a cluster's job."""
+"""Period off a terminal, such as in the log of a cluster's job."""
+LINE = "{desc}: {n_fmt}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
 FITS = "fits"
+
+
+class _Lines:
+    """Write each state of a bar as a line on standard error."""
+
+    def write(self, text: str) -> None:
+        if line := text.strip():
+            print(line, file=sys.stderr, flush=True)
 
 
 class Display:
     """Show one bar: of the fits of a run with the phase of the newest, or of a phase of other work.
 
-    Off a terminal, the bar is a new line every few seconds.
+    Off a terminal, its state is a line every few seconds.
     """
 
     def __init__(self) -> None:
@@ -78,21 +87,18 @@ class Display:
         tqdm.write(one_line(line), file=sys.stderr)
 
     def close(self) -> None:
-        """End the bar; off a terminal its last state stays."""
+        """End the bar; off a terminal, its last state is a line."""
         self._bar.close()
 
     def _show_bar(self, name: str, total: int) -> None:
         """Show a new bar."""
         self.close()
         self._shown = name, total
-        live = {"leave": False, "ncols": text_width()}
-        self._bar = tqdm(
-            desc=name,
-            total=total,
-            smoothing=0.0,  # long fits: the mean speed
-            miniters=0,
-            **live if sys.stderr.isatty() else {"mininterval": SECONDS_BETWEEN_LINES},
-        )
+        how = {"file": _Lines(), "mininterval": SECONDS_BETWEEN_LINES, "bar_format": LINE}
+        if sys.stderr.isatty():
+            how = {"leave": False, "ncols": text_width()}
+        # smoothing: fits are long, so the speed is their mean
+        self._bar = tqdm(desc=name, total=total, smoothing=0.0, miniters=0, **how)
         self._move(0)
 
     def _move(self, steps: int, *notes: str) -> None:

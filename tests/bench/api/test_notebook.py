@@ -61,7 +61,7 @@ def test_a_figure_shows_a_picture(cells, line):
 def test_only_progress_is_written_to_a_stream_and_no_output_is_large(cells):
     for outputs in cells.values():
         stream = "".join(output.get("text", "") for output in outputs)
-        assert all("%|" in line for line in re.split("[\r\n]", stream) if line.strip())
+        assert all(re.search(r": \d+/\d+ \[", line) for line in stream.splitlines())
         for output in outputs:
             for kind, content in output.get("data", {}).items():
                 assert len(content) <= (LARGEST_PICTURE if kind == "image/png" else LARGEST_TEXT)
