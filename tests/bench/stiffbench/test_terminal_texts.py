@@ -1,4 +1,4 @@
-"""Output of commands without results is never wider than the terminal."""
+"""Output of commands is never wider than the terminal."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from unittest import mock
 import pytest
 
 from helpers.command_line import Stream, bench_here
+from helpers.made_results import MadeResults
 
 COMMANDS = (
     "data simulate --twin ur5 --samples 20 --output my.csv",
@@ -32,11 +33,22 @@ COMMANDS = (
     "show fanuc-r2000ic",
     "data info kr10-twin",
 )
+ON_RESULTS = (
+    "list models",
+    "leaderboard --results runs",
+    "compare net vjm --results runs",
+    "run --model zero --splits 2 --dataset fanuc-r2000ic --output new",
+)
 
 
 @pytest.mark.usefixtures("empty_pictures")
-@pytest.mark.parametrize(("width", "commands"), [(80, COMMANDS), (100, COMMANDS[-4:])])
+@pytest.mark.parametrize(
+    ("width", "commands"), [(80, COMMANDS), (80, ON_RESULTS), (100, COMMANDS[-4:] + ON_RESULTS)]
+)
 def test_no_line_is_wider_than_the_terminal(tmp_path, width, commands):
+    made = MadeResults(tmp_path / "runs")
+    for number in range(6):
+        made.add_each({"vjm": [0.2, 0.21], "net": [0.1, 0.11]}, f"a-data-set-{number}")
     terminal = mock.patch.object(Stream, "isatty", lambda _: True)
     env = {"COLUMNS": str(width), "TERM": "dumb"}
     for command in commands:
@@ -45,4 +57,5 @@ def test_no_line_is_wider_than_the_terminal(tmp_path, width, commands):
         assert done.returncode in (0, 1, 2), done.stderr
         assert "internal error" not in done.stderr, done.stderr
         lines = re.sub(r"\x1b\[[\d;]*m", "", done.stdout + done.stderr).splitlines()
+        assert not any(line.startswith("|--") for line in lines)  # Markdown is for pipes
         assert [line.rstrip() for line in lines if len(line.rstrip()) > width] == [], command

@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
-import pty
 import re
-import struct
-import subprocess
-import sys
-import termios
 from itertools import pairwise
 
 import pytest
@@ -110,52 +103,6 @@ def test_several_data_sets_are_one_matrix_and_verbose_adds_their_tables(made):
     *_, matrix = results.summary().tables
     assert len(matrix.columns) - 1 == len(TWINS) and "±" not in brief
     assert verbose.count("± sd") == len(TWINS)
-
-
-def run_in_terminal(words: list[str], width: int, folder) -> str:
-    """Return what a command prints on a pseudo-terminal of a width."""
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
-    environment = {**os.environ, "TERM": "xterm", "PYTHONIOENCODING": "utf-8"}
-    environment.pop("COLUMNS", None)
-    command = [sys.executable, "-m", "stiffbench.main", *words]
-    process = subprocess.Popen(
-        command, stdout=theirs, stderr=subprocess.DEVNULL, cwd=folder, env=environment
-    )
-    os.close(theirs)
-    parts = []
-    while True:
-        try:
-            part = os.read(ours, 65536)
-        except OSError:  # the other end is closed
-            break
-        if not part:
-            break
-        parts.append(part)
-    process.wait(timeout=120)
-    os.close(ours)
-    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", b"".join(parts).decode())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("width", WIDTHS)
-def test_commands_fit_a_real_terminal_and_pipes_get_markdown(made, tmp_path, width):
-    for number in range(6):
-        made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]}, f"a-data-set-{number}")
-    for words in (
-        ["leaderboard", "--results", "runs"],
-        ["compare", "net", "vjm", "--results", "runs"],
-        ["list", "models"],
-        ["run", "--model", "knn", "--splits", "2", "--output", "new"],
-    ):
-        text = run_in_terminal(words, width, tmp_path)
-        assert text.strip() and max(map(cell_len, text.splitlines())) <= width, words
-        assert "|--" not in text and "**" not in text
-    words = [sys.executable, "-m", "stiffbench.main", "compare", "net", "vjm"]
-    piped = subprocess.run(
-        [*words, "--results", "runs"], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert "|--" in piped.stdout and piped.stdout.count("- made by: ") == 1
 
 
 def test_names_are_not_broken_where_texts_can_be():

@@ -73,6 +73,7 @@ def test_tables_with_other_columns_share_one_csv():
     assert (of_texts["what"], of_texts["where"], of_texts["value"]) == ("x", "y", "")
     assert (last["place"], last["column"], last["value"], last["model"]) == ("here", "y", "1", "")
     assert list(last)[-len(VALUE_FIELDS) :] == [*VALUE_FIELDS]
+    assert render([SMALL, second_table], "github", "bench").count("- made by: ") == 1
 
 
 def test_json_has_the_values_of_csv_and_no_keys_without_a_value():
