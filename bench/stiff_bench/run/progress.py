@@ -44,7 +44,7 @@ class Display:
     def __init__(self) -> None:
         """Show nothing yet."""
         self._bar: Any = tqdm(disable=True)
-        self._shown = ("", 0)
+        self._shown_phase = ("", 0)
         self._ended = Counter[str]()
 
     def begin(self, n_cells: int, n_cached: int) -> None:
@@ -66,10 +66,10 @@ class Display:
     def step(self, progress: Progress) -> None:
         """Show the phase of a fit behind the counts; other work has a bar for each phase."""
         loss = "" if progress.loss is None else f"loss {progress.loss:.3g}"
-        if self._shown[0] == FITS:
+        if self._shown_phase[0] == FITS:
             self._move(0, f"{progress.phase} {progress.step}/{progress.total}", loss)
             return
-        if self._shown != (progress.phase, progress.total):
+        if self._shown_phase != (progress.phase, progress.total):
             self._show_bar(progress.phase, progress.total)
         self._move(progress.step - self._bar.n, loss)
 
@@ -93,7 +93,7 @@ class Display:
     def _show_bar(self, name: str, total: int) -> None:
         """Show a new bar."""
         self.close()
-        self._shown = name, total
+        self._shown_phase = name, total
         how = {"file": _Lines(), "mininterval": SECONDS_BETWEEN_LINES, "bar_format": LINE}
         if sys.stderr.isatty():
             how = {"leave": False, "ncols": text_width()}
@@ -111,9 +111,9 @@ class Display:
 @contextmanager
 def display() -> Iterator[Display]:
     """Show the progress of cells or other work inside the block."""
-    shown = Display()
+    run_display = Display()
     try:
-        with listening(shown.step):
-            yield shown
+        with listening(run_display.step):
+            yield run_display
     finally:
-        shown.close()
+        run_display.close()

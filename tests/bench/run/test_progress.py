@@ -20,12 +20,12 @@ def test_lines_off_a_terminal_have_the_newest_fit_its_phase_and_what_became_of_t
     monkeypatch, capsys
 ):
     monkeypatch.setattr("stiff_bench.run.progress.SECONDS_BETWEEN_LINES", 0.0)
-    with display() as shown:
-        shown.begin(2, 2)
-        shown.start(cell("quick"))
-        shown.step(Progress("training", 1, 2, 0.5))
-        shown.end(cell("quick"))
-        shown.end(cell("bad", status="failed", failure="why\x1b", log=("last",)))
+    with display() as run_display:
+        run_display.begin(2, 2)
+        run_display.start(cell("quick"))
+        run_display.step(Progress("training", 1, 2, 0.5))
+        run_display.end(cell("quick"))
+        run_display.end(cell("bad", status="failed", failure="why\x1b", log=("last",)))
     out, err = capsys.readouterr()
     lines = err.splitlines()
     assert out == "" and lines[0].startswith("fits: 0/2 [") and "2 cached]" in lines[1]
