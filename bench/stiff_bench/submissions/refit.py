@@ -24,8 +24,10 @@ from pydantic import BaseModel
 from stiff_bench.paper.study_file import Study, find_study
 from stiff_bench.plan.cells import CellTask, cell_tasks
 from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.run.fit_process import Limits
+from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.run.machine import prepare
-from stiff_bench.run.runner import chosen_execution, run_cells
+from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import FILE, ResultStore, read_results
 from stiff_bench.submissions.published_results import Place, place_of
 from stiff_bench.submissions.submission import Scope
@@ -160,15 +162,8 @@ def main(file: Path) -> None:
     registry.add_file(request.plugin)
     study = find_study(request.study)
     tasks = study_tasks(study, request.scope, request.model, registry, request.places)
-    plan, *_ = study.with_models([request.model]).plans(registry, output=request.output, command="")
-    execution = chosen_execution(
-        plan,
-        registry,
-        threads=1,
-        jobs=request.jobs,
-        timeout=request.timeout_s,
-        memory=request.memory_bytes,
-    )
+    limits = Limits(timeout_s=request.timeout_s, memory_bytes=request.memory_bytes)
+    execution = LocalProcesses(at_once=request.jobs, limits=limits)
     run_cells(tasks, "bench verify", ResultStore(request.output), execution)
 
 
