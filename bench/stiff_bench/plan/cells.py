@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from stiff_bench.console import say
 from stiff_bench.plan.options import (
@@ -299,7 +299,7 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
     seen: set[str] = set()
     # plans of one study share their data sets, and what protocols make of them
     held: dict[str, BenchmarkData] = {}
-    prepared: dict[tuple[str, str], _Prepared] = {}
+    prepared: dict[tuple[str, str], tuple[EvaluationProtocol, BenchmarkData]] = {}
 
     def once(choice: Choice[DatasetInfo]) -> BenchmarkData:
         if choice.name not in held:
@@ -316,9 +316,13 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
             for protocol in plan.protocols:
                 of_protocol, names = models[protocol.name], (dataset.name, protocol.name)
                 if names not in prepared:
-                    prepared[names] = _prepared(dataset, data, protocol)
+                    made = make_protocol(protocol)
+                    with _naming(dataset, protocol):
+                        prepared[names] = made, made.prepared(data)
                 ready = prepared[names]
-                for task in _of_protocol(plan, dataset, data, ready, of_protocol, sources):
+                for task in _of_protocol(
+                    plan, dataset, data, protocol, ready, of_protocol, sources
+                ):
                     if task.cell.key not in seen:
                         seen.add(task.cell.key)
                         yield task
@@ -355,32 +359,17 @@ def models_under(
     return tuned
 
 
-class _Prepared(NamedTuple):
-    """Hold a protocol that was prepared with a data set, and the data that it divides."""
-
-    choice: Choice[ProtocolInfo]
-    protocol: EvaluationProtocol
-    data: BenchmarkData
-
-
-def _prepared(
-    dataset: Choice[DatasetInfo], data: BenchmarkData, choice: Choice[ProtocolInfo]
-) -> _Prepared:
-    protocol = make_protocol(choice)
-    with _naming(dataset, choice):
-        return _Prepared(choice, protocol, protocol.prepared(data))
-
-
 def _of_protocol(
     plan: RunPlan,
     dataset: Choice[DatasetInfo],
     measured: BenchmarkData,
-    ready: _Prepared,
+    choice: Choice[ProtocolInfo],
+    ready: tuple[EvaluationProtocol, BenchmarkData],
     models: Sequence[Choice[ModelInfo]],
     sources: Mapping[str, BenchmarkData],
 ) -> Iterator[CellTask]:
-    """Yield the cells of one data set under one protocol."""
-    choice, protocol, data = ready
+    """Yield the cells of one data set under one protocol; `ready`: it, and the data it divides."""
+    protocol, data = ready
     splits, n_splits, first_of_source = _divided(protocol, choice, dataset, data, plan)
     has_more = data.samples is not measured.samples
     no_test = f"{choice.name} {NO_TEST}" if protocol.reports_training else ""
