@@ -26,6 +26,13 @@ def make(**changes) -> Samples:
         ({"pose_id": np.array(["a"])}, r"pose_id has shape \(1,\)"),
         ({"instrument_noise": -1e-5}, r"instrument_noise is -1e-05 m"),
         ({"instrument_noise": np.nan}, r"instrument_noise is nan m"),
+        ({"order": [1.0]}, r"order has shape \(1,\), expected 2"),
+        ({"approach": np.full((2, 6), 0.5)}, "approach holds other numbers"),
+        ({"approach": np.ones((2, 3))}, "approach has shape"),
+        ({"after": np.full((2, 3), np.nan)}, "after.* is nan"),
+        ({"directions": np.full((2, 1, 3), 1.0)}, "length is not 1"),
+        ({"directions": np.eye(3)[[[0], [1]]]}, "a part outside its directions"),
+        ({"directions": np.eye(3)[[[0, 0], [0, 1]]]}, "several numbers along one direction"),
     ],
 )
 def test_wrong_shapes_and_values_are_refused_by_name(changes, message):
@@ -98,23 +105,6 @@ def test_samples_together_state_what_each_of_them_states():
     assert Samples.together(stated, without).order.size == 0
     with pytest.raises(DataError, match="along directions"):
         Samples.together(stated, make())
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"order": [1.0]}, r"order has shape \(1,\), expected 2"),
-        ({"approach": np.full((2, 6), 0.5)}, "approach holds other numbers"),
-        ({"approach": np.ones((2, 3))}, "approach has shape"),
-        ({"after": np.full((2, 3), np.nan)}, "after.* is nan"),
-        ({"directions": np.full((2, 1, 3), 1.0)}, "length is not 1"),
-        ({"directions": np.eye(3)[[[0], [1]]]}, "a part outside its directions"),
-        ({"directions": np.eye(3)[[[0, 0], [0, 1]]]}, "several numbers along one direction"),
-    ],
-)
-def test_impossible_statements_are_refused_by_name(changes, message):
-    with pytest.raises(DataError, match=message):
-        make(**changes)
 
 
 def test_a_reading_along_one_direction_is_its_value_along_it(rng):
