@@ -105,13 +105,6 @@ def test_a_plan_filled_in_with_correct_readings_is_not_suspicious(tmp_path, robo
     assert "--no-torque" in validate(plan, sb.load_robot(robot)).warnings[0].message
 
 
-def test_the_default_plan_has_60_poses_that_tell_more_than_random_ones(tmp_path):
-    words = "data plan --candidates 300 --output plan.csv".split()
-    done = bench_here(*words, cwd=tmp_path)
-    assert done.stdout.startswith("plan.csv: 60 poses") and "worse" not in done.stdout
-    assert set(pd.read_csv(tmp_path / "plan.csv")["group"]) == {"d-optimal"}
-
-
 def test_a_chosen_plan_prints_its_gain_over_chance(tmp_path):
     words = "data plan --poses 40 --candidates 400 --output plan.csv".split()
     done = bench_here(*words, cwd=tmp_path)

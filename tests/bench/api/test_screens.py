@@ -71,20 +71,6 @@ def test_a_figure_is_a_picture_of_a_width_that_fits_a_notebook(given):
     assert image.startswith(b"\x89PNG") and 200 <= about["width"] <= 900
 
 
-def test_names_with_html_formulas_and_control_signs_are_shown_as_they_are(given):
-    names = [f"{HOSTILE}{i}" for i in range(151)]
-    robot = dataclasses.replace(given.data.robot, name=HOSTILE, joint_names=tuple(names[:6]))
-    samples = dataclasses.replace(given.data.samples, pose_id=names)
-    hostile = sb.Dataset.from_samples(samples, robot, name=HOSTILE)
-    model = sb.make_model("vjm").fit(hostile)
-    results = sb.evaluate(["vjm", "knn"], hostile, splits=2)
-    for thing in (hostile, samples, robot, model, results, results.compare("vjm", "knn")):
-        page = thing._repr_html_()
-        assert "<script" not in page and "&lt;script" in page
-        assert "mathjax_ignore" in page
-        assert "\x1b" not in page + repr(thing)
-
-
 def test_names_in_files_are_printed_without_control_signs(given, tmp_path):
     path = tmp_path / "my.csv"
     table = sample_table(given.data.samples, given.data.robot).iloc[:40]
