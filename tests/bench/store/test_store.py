@@ -314,12 +314,13 @@ def test_packed_results_are_read_and_written_to_as_others(tmp_path):
     assert len(read_results(tmp_path)) == len(before) + 1
 
 
-def test_a_packed_file_that_unpacks_without_end_is_refused_and_leaves_no_file(
-    tmp_path, monkeypatch
+@pytest.mark.parametrize("content", [lzma.compress(bytes(2**22)), lzma.compress(b"cut")[:-9]])
+def test_a_packed_file_that_is_cut_or_has_no_end_is_refused_and_leaves_no_file(
+    content, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("stiff_bench.store.database._LEAST_UNPACKED", 2**20)
-    (tmp_path / PACKED).write_bytes(lzma.compress(bytes(2**22)))
-    with pytest.raises(StoreError, match=f"{PACKED}.*{2**20} bytes"):
+    (tmp_path / PACKED).write_bytes(content)
+    with pytest.raises(StoreError, match=PACKED):
         read_results(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [PACKED]
 
@@ -455,15 +456,6 @@ def test_a_journal_that_names_a_file_to_delete_is_refused(tmp_path):
     for attempt in (read_results, ResultStore):
         with pytest.raises(StoreError, match="journal: corrupt"):
             attempt(tmp_path)
-
-
-def test_a_damaged_packed_file_is_refused_and_leaves_no_file(tmp_path):
-    MadeResults(tmp_path).add("vjm", [0.1])
-    file = packed(tmp_path)
-    file.write_bytes(file.read_bytes()[:-40])
-    with pytest.raises(StoreError, match=PACKED):
-        read_results(tmp_path)
-    assert not (tmp_path / FILE).exists()
 
 
 def test_a_mark_in_an_options_value_stays_doubled():
