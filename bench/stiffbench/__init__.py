@@ -64,6 +64,9 @@ _IMPORTS = re.findall(r"^    from (\S+) import (\w+) as", Path(__file__).read_te
 """Module and name of the imports above, which are for type checkers."""
 MODULE_OF = {name: module for module, name in _IMPORTS}
 __all__ = [*MODULE_OF]
+_ROBOT_EXAMPLE = (
+    'with your tool, robot=load_robot("ur5", tcp=(0, 0, 0.1)) or read_robot(urdf, tcp=...)'
+)
 
 
 def __getattr__(name: str) -> Any:
@@ -91,7 +94,9 @@ def _with_known_arguments(function: Callable[..., Any]) -> Callable[..., Any]:
         if unknown := next((name for name in arguments if name not in parameters), None):
             from stiff_protocols.contract.errors import unknown_name
 
-            raise unknown_name(f"argument of {function.__name__}", unknown, parameters)
+            listed = ", ".join(sorted(parameters))
+            listed += f"; {_ROBOT_EXAMPLE}" * (unknown in ("tcp", "tip", "urdf"))
+            raise unknown_name(f"argument of {function.__name__}", unknown, parameters, listed)
         return function(*args, **arguments)
 
     return called

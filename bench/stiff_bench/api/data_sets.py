@@ -64,6 +64,11 @@ class Dataset(ShownObject):
 
     choice: Choice[DatasetInfo]
 
+    def __post_init__(self) -> None:
+        """Raise ConfigError for a file, a table or arrays."""
+        if not isinstance(self.choice, Choice):
+            raise _no_dataset(self.choice)
+
     @classmethod
     def of_file(cls, file: Path | str, robot: str | Robot | None, options: FileOptions) -> Dataset:
         """Return the data set of a file, which is read at its first use; see `read_samples`."""
@@ -236,9 +241,11 @@ class Dataset(ShownObject):
     if not TYPE_CHECKING:  # a type checker would accept every name
 
         def __getattr__(self, name: str) -> Any:
-            """Name `frame` for what only a DataFrame has, such as `head`."""
+            """Name `frame` for what only a DataFrame has, such as `head`, and `samples` for `q`."""
             hint = ""
-            if not name.startswith("_"):
+            if name in Samples.__dataclass_fields__:
+                hint = f"; use .samples.{name} (SI units)"
+            elif not name.startswith("_"):
                 from pandas import DataFrame
 
                 hint = f"; use .frame().{name}" if hasattr(DataFrame, name) else ""
@@ -308,6 +315,13 @@ def degrees_text(q: FloatArray, robot: Robot) -> str:
     )
 
 
+def _no_dataset(data: object) -> ConfigError:
+    return ConfigError(
+        f"{type(data).__name__} is not a data set; use load_dataset(name), read_samples(file, "
+        "robot=...), Dataset.from_frame(frame, robot) or Dataset.from_samples(samples, robot)"
+    )
+
+
 def as_dataset(data: object, robot: str | Robot | None = None) -> Dataset:
     """Return a data set, or make one from a DataFrame and its robot.
 
@@ -321,14 +335,11 @@ def as_dataset(data: object, robot: str | Robot | None = None) -> Dataset:
         if robot is None:
             raise ConfigError(
                 "a DataFrame needs a robot; use Dataset.from_frame(frame, robot), or robot=... in "
-                "fit and score"
+                "fit"
             )
         return Dataset.from_frame(data, as_robot(robot))
     if not isinstance(data, Dataset | BenchmarkData):
-        raise ConfigError(
-            f"{type(data).__name__} is not a data set; use load_dataset(name), read_samples(file, "
-            "robot=...), Dataset.from_frame(frame, robot) or Dataset.from_samples(samples, robot)"
-        )
+        raise _no_dataset(data)
     if robot is not None:
         raise ConfigError("is part of the data set; only a DataFrame needs it", "robot")
     return data if isinstance(data, Dataset) else Dataset(held_data(data, "own-data"))

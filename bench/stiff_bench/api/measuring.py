@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from stiff_bench.analysis import pose_plans
-from stiff_bench.api.data_sets import path_of
+from stiff_bench.api.data_sets import Dataset, path_of
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.robots import as_robot, payload_of, robot_words
 from stiff_bench.console import say
@@ -24,6 +24,7 @@ from stiff_bench.tables.writers import Text
 from stiff_datasets.measured import validation_report as validation
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_datasets.measured.sample_columns import Criterion
+from stiff_datasets.measured.sheet_files import Sheet, sheet_of
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.twin import simulate as simulation
@@ -121,7 +122,7 @@ def plan_poses(
 
 
 def validate(
-    file: FilePath,
+    file: FilePath | object,
     *,
     robot: str | Robot | None = None,
     no_torque: bool = False,
@@ -135,7 +136,8 @@ def validate(
     the file.
 
     Args:
-        file: your measurement (.csv, .xlsx or .parquet).
+        file: your measurement (.csv, .xlsx or .parquet); in Python also a data set, or a DataFrame
+            with the columns of a file. Their rows count from 0.
         robot: measured robot: a shipped name or a `Robot`; by default the KR10.
         no_torque: torques were not measured: their columns may be missing, or zero.
         sheet: sheet of an Excel file; by default the only one with a table.
@@ -148,10 +150,22 @@ def validate(
         A printable report; its `verdict` is "ok", "suspicious" or "invalid".
 
     Raises:
-        ConfigError: `file` is not a path, or the robot's name is unknown.
+        ConfigError: `file` is neither a path nor a table, the robot's name is unknown, or a data
+            set gets another robot.
     """
+    from pandas import DataFrame
+
     options = FileOptions(no_torque, sheet, pose_tolerance, register)
-    return validation.validate(path_of(file), as_robot(robot), options, _identified_parts)
+    source: Path | Sheet
+    if isinstance(file, Dataset):
+        if robot is not None:
+            raise ConfigError("is part of the data set; only a file or DataFrame needs it", "robot")
+        robot, source = file.robot, sheet_of(Path(file.name), file.frame(), first_row=0)
+    elif isinstance(file, DataFrame):
+        source = sheet_of(Path("own-data"), file, first_row=0)
+    else:
+        source = path_of(file)
+    return validation.validate(source, as_robot(robot), options, _identified_parts)
 
 
 MOST_PARTS, LEAST_OFFSET_MM, LEAST_WEIGHT_CHANGE = 2, 5.0, 15.0

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
-from zipfile import ZipFile
+from zipfile import ZipFile, is_zipfile
 
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.extras import require
@@ -20,8 +20,15 @@ MAX_UNPACKED_BYTES = 64 * 2**20
 MAX_CELLS = 1_000_000
 """Cells of a file, and rows times columns of a sheet: about 55,000 samples."""
 _TAGS_PER_CELL = 4
+_MAX_STYLE_TAGS = 150_000
+"""Excel has 65,490 formats of cells."""
+_LONGEST_TAG = 2**18
+"""Bytes with the text behind it; Excel's longest text has 32,767 characters."""
+_TAG = re.compile(rb"<[^<]+")
 _LAST_ROW = 2**20
 """The last row of Excel."""
+_LARGEST_NAME = 1e15
+"""Whole numbers below it may be names; larger ones are shown as Excel shows them, 1e+200."""
 _REMARK = re.compile(r"\s*#(?!(?:N/A|NV|[A-Z\u00c4-\u00dc0-9/]+[!?])(?:[\s,;]|$))")
 """The begin of a remark, and not of an error of Excel such as #DIV/0!, #REF! or #WERT!."""
 
@@ -37,7 +44,7 @@ def excel_rows(path: Path, sheet: str | None) -> dict[str, list[Row]]:
 
     Args:
         path: the file.
-        sheet: the only sheet to read; None: all of them.
+        sheet: the only sheet to read; None: all but hidden ones.
 
     Returns:
         Name of each sheet -> its rows; no rows for a sheet that was not asked for. Rows end at
@@ -76,6 +83,18 @@ def is_remark(text: str) -> bool:
     return bool(_REMARK.match(text))
 
 
+def office_file(content: bytes) -> str:
+    """Return what a file of another extension or an older Excel is, and the next step; "" if not.
+
+    Args:
+        content: first bytes of the file, eight or more.
+    """
+    if content.startswith(b"\xd0\xcf\x11\xe0"):
+        return "an old Excel file (.xls), or one with a password; save it as .xlsx without one"
+    is_zip = content.startswith(b"PK\x03\x04")
+    return "an Excel or zip file; an Excel file needs the ending .xlsx" if is_zip else ""
+
+
 def column_name(index: int) -> str:
     """Return the name of a column without a header, such as "column XFD", from its index."""
     from openpyxl.utils import get_column_letter
@@ -101,27 +120,37 @@ def _parsed(path: Path, sheet: str | None, *, values: bool) -> dict[str, list[Ro
             book = load_workbook(file, read_only=True, data_only=values, keep_links=False)
             return {
                 worksheet.title: [*_rows(path, worksheet)]
-                if sheet in (None, worksheet.title)
+                if sheet == worksheet.title
+                or (sheet is None and worksheet.sheet_state == "visible")
                 else []
                 for worksheet in book.worksheets
             }
         except DataError:
             raise
         except Exception as error:  # for a corrupt file openpyxl raises errors of its parsers
-            raise DataError(f"{path}: not an Excel file (.xlsx), or a corrupt one") from error
+            file.seek(0)
+            start = file.read(8)
+            kind = "" if is_zipfile(file) else office_file(start)
+            kind = kind or "not an Excel file (.xlsx), or a corrupt one"
+            raise DataError(f"{path}: {kind}") from error
 
 
 def _check_size(path: Path, file: BinaryIO) -> None:
     """Check the unpacked bytes and the number of XML tags, which take the time and the memory."""
-    n_tags = 0
     with ZipFile(file) as archive:
         parts = archive.infolist()
         n_bytes = sum(part.file_size for part in parts)
         if n_bytes > MAX_UNPACKED_BYTES:
             raise size_error(path, f"{n_bytes / 2**20:,.0f} MiB unpacked")
-        n_tags = sum(archive.read(part).count(b"<") for part in parts)
-    if n_tags > MAX_CELLS * _TAGS_PER_CELL:
+        texts = {part.filename: archive.read(part) for part in parts}
+    n_tags = {name: text.count(b"<") for name, text in texts.items()}
+    if sum(n_tags.values()) > MAX_CELLS * _TAGS_PER_CELL:
         raise size_error(path, f"more than {MAX_CELLS:,} cells")
+    if n_tags.get("xl/styles.xml", 0) > _MAX_STYLE_TAGS:
+        raise size_error(path, f"more than {_MAX_STYLE_TAGS:,} entries of its formats")
+    for name, text in texts.items():
+        if name.endswith(".xml") and any(len(tag[0]) > _LONGEST_TAG for tag in _TAG.finditer(text)):
+            raise size_error(path, f"a tag of more than {_LONGEST_TAG:,} characters in {name}")
     file.seek(0)
 
 
@@ -150,7 +179,7 @@ def _value(cell: Any) -> Any:
         return _EmptyText() if cell.data_type == "str" else ""
     if isinstance(value, str):
         return value.strip()
-    if isinstance(value, float) and value.is_integer():
+    if isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_NAME:
         return int(value)  # a name such as 7
     text = getattr(value, "text", None)  # of an array formula
     return text if isinstance(text, str) else value

@@ -42,15 +42,16 @@ _MAX_CELL_SHOWN = 60
 """Characters of an invalid cell in a message."""
 
 _JOINT_WORDS = (
-    "joint|jointangle|jointposition|axis|axisangle|angle|"
-    "gelenk|gelenkwinkel|achse|achswinkel|achsenwinkel|achsstellung|winkel"
+    "joints?|jointangles?|jointpositions?|axis|axes|axisangles?|angles?|"
+    "gelenke?|gelenkwinkel|achsen?|achswinkel|achsenwinkel|achsstellung(?:en)?|winkel"
 )
 _VECTORS = (  # standard letter, other letters, words
-    ("f", "f", "force|kraft"),
-    ("t", "[tm]", "torque|moment|drehmoment"),
+    ("f", "f", "forces?|kraft|kräfte"),
+    ("t", "[tm]", "torques?|moments?|momente|drehmomente?"),
     (
         *("d", "[duδ]|delta"),
-        "deflection|displacement|deformation|auslenkung|verformung|verschiebung|verlagerung",
+        "deflections?|displacements?|deformations?|"
+        "(?:auslenkung|verformung|verschiebung|verlagerung)(?:en)?",
     ),
 )
 _POSITIONS = (("0", "unloaded|unbelastet|ohnelast"), ("1", "loaded|belastet|mitlast"))

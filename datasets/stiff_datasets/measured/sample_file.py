@@ -58,7 +58,7 @@ from stiff_datasets.measured.sample_columns import (
     optional_columns,
     shortened,
 )
-from stiff_datasets.measured.sheet_files import Sheet, plain_minus, read_sheet, sheet_of
+from stiff_datasets.measured.sheet_files import EXCEL, Sheet, plain_minus, read_sheet, sheet_of
 from stiff_datasets.measured.unloaded_positions import (
     MAX_MEDIAN,
     Frame,
@@ -417,8 +417,14 @@ def _with_names(sheet: Sheet, near: IntArray, reach: str) -> Sheet:
 def _without_junk(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, list[Problem]]:
     """Separate rows without data: one problem per row, not per cell.
 
-    Such a row is half empty, or has no number in any of `columns` while other rows have one.
+    Such a row is half empty, or has no number in any of `columns` while other rows have one. A row
+    that is empty in all columns of the sheet is left out, with a note.
     """
+    blank = ((sheet.cells == "") | sheet.cells.isna()).all(axis=1).to_numpy()
+    if blank.any() and not blank.all():
+        rows = row_ranges(sheet.lines[blank])
+        note = f"rows not used, with cells only in columns that are not used: {rows}"
+        sheet = replace(sheet.take(~blank), notes=(*sheet.notes, note))
     is_filled = (sheet.cells != "") & sheet.cells.notna()
     empty = (is_filled.sum(axis=1) < is_filled.shape[1] / 2).to_numpy()
     empty = empty & ~empty.all()  # otherwise a plan without names and wrenches
@@ -475,7 +481,9 @@ def _id_problems(sheet: Sheet) -> Iterator[Problem]:
     for column in ID_COLUMNS:
         for row, name in enumerate(sheet.cells[column]):
             valid = ""
-            if not name or (column == "pose_id" and name.startswith("#")):
+            if not name and sheet.path.suffix.lower() == EXCEL:
+                valid = "a name (of merged cells, Excel stores only the first)"
+            elif not name or (column == "pose_id" and name.startswith("#")):
                 valid = "a name"
             elif sheet.is_formula(name):
                 valid = f"a name; {FORMULA_HINT}"

@@ -1,8 +1,8 @@
 """Read and write tables of samples as CSV, Excel or Parquet files.
 
 `sample_columns.py` lists the columns. Other common names and units are understood. So are a row of
-units below the header, semicolons, tabs or blanks with decimal commas, titles or merged cells above
-the header, a header that begins with ``#``, and remarks.
+units below the header, semicolons, tabs, bars or blanks with decimal commas, titles or merged cells
+above the header, a header that begins with ``#``, and remarks.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from stiff_datasets.measured.excel_file import (
     column_name,
     excel_rows,
     is_remark,
+    office_file,
     size_error,
     with_formulas,
 )
@@ -50,7 +51,7 @@ from stiff_datasets.measured.sample_columns import (
 )
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.extras import require
-from stiff_protocols.contract.files import written_whole
+from stiff_protocols.contract.files import other_content, written_whole
 from stiff_protocols.contract.types import (
     BenchmarkData,
     BoolArray,
@@ -72,6 +73,8 @@ NUMBER = re.compile(rf"{_SIGN}(\d+(\.\d*)?|\.\d+)([eE]{_SIGN}\d+)?", re.ASCII)
 _GROUPED = re.compile(rf"{_SIGN}\d{{1,3}}(?:(?:\.\d{{3}})+,|(?:,\d{{3}})+\.)\d+", re.ASCII)
 """A number with thousands separators and decimals. For 1.234 see `MAYBE_GROUPED`."""
 MAYBE_GROUPED = re.compile(rf"{_SIGN}[1-9]\d{{0,2}}[.,]\d{{3}}", re.ASCII)
+_UNIT_OF_KIND = {"q": "deg", "f": "N", "t": "Nm"}
+"""First letter of a column's name -> its standard unit; mm for all others."""
 _MIN_HEADER_NAMES, _MAX_TITLE_ROWS = 3, 20
 """The header is the first row with three names of columns, among the first twenty rows."""
 _MAX_NAMES_SHOWN = 1000
@@ -86,7 +89,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 _NO_UNIT = re.compile(r"[-\u2013\u2014]*")
 _MIN_UNITS_IN_ROW = 3
 """Least number of units in a row of units below the header."""
-_SEPARATORS = (r"[,;\t]", r"\s{2,}|\t", r"\s+")
+_SEPARATORS = (r"[,;\t|]", r"\s{2,}|\t", r"\s+")
 """Separators of a header: signs, else columns that blanks align, else single blanks."""
 
 
@@ -297,7 +300,7 @@ def _read_csv(path: Path) -> Sheet:
     text, notes = _text(path, path.read_bytes())
     all_lines = [*_filled_lines(io.StringIO(text, newline=None))]
     lines = [(number, line) for number, line in all_lines if not is_remark(line)]
-    stated = re.fullmatch(r"sep=([,;\t])", lines[0][1].strip(" \ufeff")) if lines else None
+    stated = re.fullmatch(r"sep=([,;\t|])", lines[0][1].strip(" \ufeff")) if lines else None
     lines = lines[1:] if stated else lines  # written by Excel
     if not lines:
         raise DataError(f"{path}: the file is empty")
@@ -312,13 +315,16 @@ def _read_csv(path: Path) -> Sheet:
     above: list[str] = []
     number, header = lines[first]
     if pattern == _SEPARATORS[0]:
-        separator = stated[1] if stated else max(",;\t", key=header.count)
+        separator = stated[1] if stated else max(",;\t|", key=header.count)
         if first:
             above = [cell.strip(' "') for cell in lines[first - 1][1].split(separator)]
         lines = _single_tabs(lines[first:]) if separator == "\t" else lines[first:]
     else:
-        names = re.split(pattern, header.replace('"', "").strip())
+        header = header.replace('"', "").strip()
+        names = re.split(pattern, header)
         rows_below = [(row, line.replace("\t", " ").strip()) for row, line in lines[first + 1 :]]
+        if rows_below and len(header.split()) == len(rows_below[-1][1].split()):
+            names = header.split()  # blanks align columns, and are single between long names
         separator = " "
         lines = [(number, " ".join(f'"{name}"' for name in names)), *rows_below]
     rows = [*_csv_rows(path, lines, separator)]
@@ -329,6 +335,8 @@ def _read_csv(path: Path) -> Sheet:
 def _text(path: Path, content: bytes) -> tuple[str, tuple[str, ...]]:
     """Return the text of a file, and a note on its encoding if the file does not state it."""
     encoding = "utf-8-sig"
+    if kind := office_file(content) or other_content(content[:1000].decode("latin-1")):
+        raise DataError(f"{path}: {kind}")
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encoding = "utf-16"
     elif b"\0" in content[:2]:  # no byte order mark, first character in ASCII
@@ -464,13 +472,16 @@ def _with_units(path: Path, names: list[str], units: list[str], number: int) -> 
 def _with_labels(names: Sequence[str], labels: Sequence[str]) -> list[str]:
     """Join names with the label above them, such as "unloaded [mm]" above X, Y and Z.
 
-    They are joined only where both together are the name of a column, and two labels or more are.
-    A label counts for the columns without a label to its right, as a merged cell does.
+    They are joined only where both together are the name of a column, and two labels or more are,
+    or one states the unit of such a column. A label counts for the columns without a label to its
+    right, as a merged cell does. Of another label, such as "Loads [kN]", the unit is not understood
+    but stays in the names.
     """
-    joined, used_labels, word, unit = [], set(), "", ""
+    joined, used_labels, word, unit, label, states_unit = [], set(), "", "", "", False
     for i, name in enumerate(names):
         if i < len(labels) and labels[i]:
-            word, unit = split_header(labels[i])
+            label = labels[i]
+            word, unit = split_header(label)
         bare_name, stated = split_header(name)
         together = split_header(f"{word} {name}")[0]
         if (
@@ -479,10 +490,18 @@ def _with_labels(names: Sequence[str], labels: Sequence[str]) -> list[str]:
             and (bare_name == together or bare_name not in NAMES)
         ):
             used_labels.add(word)
+            states_unit |= bare_name == together and bool(unit and not stated)
             name = name if bare_name == together else f"{word} {name}"
             name += f" [{unit}]" * bool(unit and not stated)
+        elif (
+            bare_name in {*NAMES} - {*ID_COLUMNS}
+            and not stated
+            and UNITS[_UNIT_OF_KIND.get(bare_name[0], "mm")].get(unit, 1.0) != 1.0
+            and label.strip().endswith(("]", ")"))
+        ):
+            states_unit, name = True, f"{name} [{label}]"
         joined.append(name)
-    return joined if len(used_labels) > 1 else [*names]
+    return joined if states_unit or len(used_labels) > 1 else [*names]
 
 
 def _read_excel(path: Path, sheet: str | None) -> Sheet:

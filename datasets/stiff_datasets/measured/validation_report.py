@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_datasets.measured.data_card import read_card
+from stiff_datasets.measured.data_card import DataCard, read_card
 from stiff_datasets.measured.diagnosis import (
     MIN_GAIN_SE,
     UNUSUAL_RATIO,
@@ -62,7 +62,7 @@ from stiff_datasets.measured.sample_file import (
     CheckedSamples,
     check_sheet,
 )
-from stiff_datasets.measured.sheet_files import read_sheet
+from stiff_datasets.measured.sheet_files import Sheet, read_sheet
 from stiff_datasets.measured.unloaded_positions import Comparison, compare_positions, in_mm
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
@@ -135,15 +135,15 @@ facts on the parts of robot and rig that it identified."""
 
 
 def validate(
-    path: Path,
+    source: Path | Sheet,
     robot: Robot,
     options: FileOptions = DEFAULTS,
     identify_parts: IdentifyParts | None = None,
 ) -> ValidationReport:
-    """Check a file of measured samples.
+    """Check a file or a table of measured samples.
 
     Args:
-        path: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
+        source: the file; Parquet or Excel if it ends in .parquet or .xlsx, else CSV. Or a table.
         robot: the measured robot.
         options: options of the file. A data card FILE.md next to it may also state that no torques
             were measured.
@@ -153,9 +153,10 @@ def validate(
     Raises:
         ConfigError: the file does not have the sheet, or has several with tables and none is named.
     """
+    path, card = (source.path, DataCard()) if isinstance(source, Sheet) else (source, None)
     try:
-        card = read_card(path)
-        sheet = read_sheet(path, options.sheet)
+        card = card or read_card(path)
+        sheet = source if isinstance(source, Sheet) else read_sheet(path, options.sheet)
         checked = check_sheet(sheet, robot, options)
     except DataError as error:
         message = str(error).removeprefix(f"{path}: ")

@@ -69,7 +69,8 @@ def named_robot(name: str) -> ShippedRobot:
     """
     robots = shipped_robots()
     if name not in robots:
-        raise unknown_name("robot", name, robots)
+        listed = f"{', '.join(sorted(robots))}; a URDF file by read_robot or --urdf"
+        raise unknown_name("robot", name, robots, listed if name.endswith(".urdf") else "")
     return robots[name]
 
 

@@ -34,6 +34,7 @@ import pinocchio as pin
 
 from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name, warn
+from stiff_protocols.contract.files import other_content
 from stiff_protocols.contract.robot import UNLIMITED_RAD
 from stiff_protocols.contract.types import FloatArray, JointType, Robot
 from stiff_protocols.paths.inverse import held_position, joint_number
@@ -309,13 +310,8 @@ def _root_element(text: str, refused: str) -> ElementTree.Element:
         DataError: the text is not XML; the message begins with `refused` and names what it is.
     """
     start = text.lstrip()[:1000]
-    if start.startswith("version https://git-lfs"):
-        raise DataError(f"{refused}: a Git LFS pointer to the file; run: git lfs pull")
-    if re.match("<!doctype html|<html", start, re.IGNORECASE):
-        raise DataError(
-            f"{refused}: a web page, saved in place of the file; download the file itself (on "
-            "GitHub: Raw)"
-        )
+    if content := other_content(start):
+        raise DataError(f"{refused}: {content}")
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:

@@ -33,6 +33,17 @@ def check_new_file(path: Path) -> None:
         )
 
 
+def other_content(text: str) -> str:
+    """Return what was saved in place of a file, and the next step, from its first text; or ""."""
+    start = text.lstrip("\ufeff\u00ef\u00bb\u00bf \t\r\n")[:100].lower()
+    if start.startswith("version https://git-lfs"):
+        return "a Git LFS pointer to the file; run: git lfs pull"
+    if start.startswith(("<!doctype html", "<html")):
+        web_page = "a web page, saved in place of the file; download the file itself"
+        return f"{web_page} (on GitHub: Raw)"
+    return ""
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file next to `path`; rename it to `path` at the end.

@@ -390,8 +390,12 @@ def test_a_class_of_a_script_from_standard_input_is_fitted(twin, monkeypatch):
         (lambda data: sb.evaluate("vjm", dataset=data), "did you mean 'datasets'"),
         (lambda data: sb.evaluate(model="vjm"), "did you mean 'models'"),
         (lambda data: sb.read_samples("my.csv", robots="ur5"), "did you mean 'robot'"),
-        (lambda data: sb.validate(data), "Dataset is not a file"),
-        (lambda data: sb.validate(data.frame()), "DataFrame is not a file"),
+        (lambda data: sb.validate(data.samples), "Samples is not a file"),
+        (lambda data: sb.validate(data, robot="ur5"), "robot is part of the data set"),
+        (lambda data: sb.Dataset("my.csv"), r"str is not a data set.*read_samples"),
+        (lambda data: sb.read_samples("my.csv", robot="ur5", tcp=(0, 0, 0)), "load_robot.*tcp="),
+        (lambda data: sb.read_samples("my.csv", robot="my.urdf"), "read_robot or --urdf"),
+        (lambda data: sb.make_model("vjm").fit(data.frame()), "robot=... in fit$"),
         (lambda data: sb.read_samples(data.frame(), robot="ur5"), "DataFrame is not a file"),
         (lambda data: sb.load_model(sb.make_model("vjm")), "Model is not a file"),
         (lambda data: sb.load_dataset(data), "Dataset is not the name"),
@@ -408,6 +412,8 @@ def test_a_wrong_argument_or_type_is_named_with_the_right_one(twin, call, right)
 def test_a_dataset_names_its_frame_for_what_only_tables_have(twin):
     with pytest.raises(AttributeError, match=r"frame\(\)\.head"):
         twin.head()
+    with pytest.raises(AttributeError, match=r"use \.samples\.wrench"):
+        twin.wrench  # noqa: B018
     with pytest.raises(AttributeError, match=r"no 'nothing_such'$"):
         twin.nothing_such()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from dataclasses import replace
@@ -40,6 +41,23 @@ def filled_in(plan: Path, twin_name: str = "kr10_r1100_2") -> None:
     twin = DigitalTwin.in_world(shipped_constants(twin_name), 0, "clean")
     table[DEFLECTIONS] = (1000.0 * twin.truth(q, table[LOADS].to_numpy())).round(5)
     table.to_csv(plan, index=False)
+
+
+def test_a_table_is_validated_like_its_file_with_rows_from_zero(tmp_path):
+    data = sb.load_dataset("fanuc-r2000ic")
+    (few := data[:8].frame()).to_csv(tmp_path / "my.csv", index=False)
+    from_file = sb.validate(tmp_path / "my.csv", robot=data.robot, no_torque=True)
+    for report in (
+        sb.validate(few, robot=data.robot, no_torque=True),
+        sb.validate(data[:8], no_torque=True),
+    ):
+        assert [repr(report).split("\n")[3:6]] == [repr(from_file).split("\n")[3:6]]
+        assert report.verdict == from_file.verdict
+    few.loc[3, "dx_mm"] = 1e9
+    assert sb.validate(few, robot=data.robot).errors[0].rows == (3,)
+    (tmp_path / "own-data.md").write_text("| Instrument noise | soft |\n|---|---|\n")
+    with contextlib.chdir(tmp_path):  # the card of another file is not read
+        assert not any("card" in fact.message for fact in sb.validate(few, robot="ur5").errors)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ import pytest
 from helpers.made_samples import CSV_HEADER as HEADER
 from helpers.made_samples import CSV_ROW as GOOD
 from stiff_datasets.measured.excel_file import MAX_CELLS, MAX_UNPACKED_BYTES
+from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.validation_report import validate
 from stiff_protocols.contract.errors import DataError, StiffBenchWarning
@@ -107,11 +108,40 @@ def test_a_number_too_large_for_a_computer_is_refused(book, kr10):
 def test_a_far_cell_is_named_and_needs_little_memory(book, kr10):
     path = book(cells={"XFD1048576": 1})
     tracemalloc.start()
-    with pytest.raises(DataError, match="row 1048576"):
-        read_samples(path, kr10)
+    with pytest.warns(StiffBenchWarning) as warnings:
+        assert len(read_samples(path, kr10)) == 2
+    assert any("1048576" in str(warning.message) for warning in warnings)
+    assert any("column XFD" in str(warning.message) for warning in warnings)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 2**28
+
+
+def test_hidden_sheets_are_read_only_by_name(book, kr10):
+    path = book()
+    workbook = openpyxl.load_workbook(path)
+    old = workbook.copy_worksheet(workbook.active)
+    old.title, old.sheet_state, old["P2"] = "old", "hidden", 0.25
+    workbook.save(path)
+    assert read_samples(path, kr10).deflection[0, 0] == pytest.approx(0.0005)
+    named = read_samples(path, kr10, FileOptions(sheet="old"))
+    assert named.deflection[0, 0] == pytest.approx(0.00025)
+
+
+def test_a_large_number_is_shown_as_excel_shows_it(book, kr10):
+    with pytest.raises(DataError, match="row 3, column dx_mm: '1e\\+200'"):
+        read_samples(book(cells={"P3": 1e200}), kr10)
+
+
+def test_an_empty_name_asks_about_merged_cells(book, kr10):
+    with pytest.raises(DataError, match="row 3, column pose_id: '', .*merged cells"):
+        read_samples(book(NAMES, CELLS, ["", *CELLS[1:]]), kr10)
+
+
+def test_an_older_excel_file_or_one_with_a_password_is_named(tmp_path, kr10):
+    (tmp_path / "my.xlsx").write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 500)
+    with pytest.raises(DataError, match="password"):
+        read_samples(tmp_path / "my.xlsx", kr10)
 
 
 def repeated(text, part, n):
@@ -125,8 +155,9 @@ def repeated(text, part, n):
         (b"<row><c><v>1</v></c></row>" * 1000, MAX_CELLS // 1400),
         (b'<row r="99999999999"><c><v>1</v></c></row>', 1),
         (b'<row><c r="XFD9"><v>1</v></c></row>', 100),
+        (b"<x " + b" ".join(b"a%d='1'" % i for i in range(30_000)) + b"/>", 1),
     ],
-    ids=["blanks", "rows", "far row", "wide rows"],
+    ids=["blanks", "rows", "far row", "wide rows", "attributes"],
 )
 def test_a_file_that_grows_when_it_is_unpacked_is_refused(book, kr10, part, n):
     path = book(xml=lambda text: repeated(text, part, n))

@@ -149,6 +149,49 @@ def test_merged_cells_name_forces_and_deflections_with_their_units(read):
     assert_good(read("\n".join([above, "1,2,3,4,5,6,X,Y,Z,X,Y,Z,X,Y,Z", row])))
 
 
+@pytest.mark.parametrize(
+    ("above", "factors"),
+    [
+        ("Joint angles [rad],,,,,,Forces [kN],,,,,,Deflections [um],,", (np.pi / 180, 1e-3, 1e3)),
+        (",,,,,,Force (kN),,,Torque,,,,,", (1, 1e-3, 1)),
+        ("Gelenkwinkel in rad,,,,,,,,,,,,,,", (np.pi / 180, 1, 1)),
+        ("Robot 3 with payload 5 kg,,,,,,,,,,,,,,", (1, 1, 1)),
+    ],
+)
+def test_the_unit_of_a_label_above_names_without_units_counts(read, above, factors):
+    header = "q1,q2,q3,q4,q5,q6,Fx,Fy,Fz,Mx,My,Mz,dx,dy,dz"
+    angle, force, deflection = factors
+    numbers = [angle * q for q in JOINTS], [force * f for f in WRENCH[:3]], WRENCH[3:]
+    row = [*sum(map(list, numbers), []), *(deflection * d for d in DEFLECTION)]
+    assert_good(read("\n".join([above, header, ",".join(map(repr, row))])))
+
+
+def test_a_unit_of_a_label_that_names_no_quantity_is_never_ignored(read):
+    text = f"{',' * 6}Loads [kN],,,,,,,,\nq1,q2,q3,q4,q5,q6,Fx,Fy,Fz,Mx,My,Mz,dx,dy,dz\n{NUMBERS}"
+    with pytest.raises(DataError, match=r"unit of 'Fx \[Loads \[kN\]\]' \(valid: N, "):
+        read(text)
+
+
+def test_columns_that_blanks_align_may_have_single_blanks_between_long_names(read):
+    rows = [f"{NUMBER_HEADER}".split(","), NUMBERS.split(",")]
+    assert_good(read("\n".join(" ".join(f"{cell:>6}" for cell in row) for row in rows)))
+    assert_good(read("\n".join("|".join(row) for row in rows)))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a", "git lfs pull"),
+        (b"\n<!DOCTYPE html><html>", "web page"),
+        (b"PK\x03\x04\x14\x00\x06\x00", "needs the ending .xlsx"),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "save it as .xlsx"),
+    ],
+)
+def test_another_file_in_place_of_a_table_is_named_with_the_next_step(read, content, words):
+    with pytest.raises(DataError, match=words):
+        read(content + b"\0" * 100)
+
+
 @pytest.mark.parametrize("above", ["", "Messung 3", MERGED.format("vorher", "nachher")])
 def test_positions_that_stand_twice_are_never_guessed(read, above):
     with pytest.raises(DataError, match=r"X, Y, Z stand twice: .*x0_mm.*unloaded.*x1_mm.*loaded"):
