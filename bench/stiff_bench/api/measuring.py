@@ -137,7 +137,7 @@ def validate(
 
     Args:
         file: your measurement (.csv, .xlsx or .parquet); in Python also a data set, or a DataFrame
-            with the columns of a file. Their rows count from 0.
+            with the columns of a file.
         robot: measured robot: a shipped name or a `Robot`; by default the KR10.
         no_torque: torques were not measured: their columns may be missing, or zero.
         sheet: sheet of an Excel file; by default the only one with a table.
@@ -147,7 +147,8 @@ def validate(
             unloaded positions and the joint angles.
 
     Returns:
-        A printable report; its `verdict` is "ok", "suspicious" or "invalid".
+        A printable report; its `verdict` is "ok", "suspicious" or "invalid". Rows of a data set or a
+        DataFrame count from 0.
 
     Raises:
         ConfigError: `file` is neither a path nor a table, the robot's name is unknown, or a data

@@ -134,7 +134,7 @@ def test_a_large_number_is_shown_as_excel_shows_it(book, kr10):
 
 
 def test_an_empty_name_asks_about_merged_cells(book, kr10):
-    with pytest.raises(DataError, match="row 3, column pose_id: '', .*merged cells"):
+    with pytest.raises(DataError, match=r"row 3, column pose_id: '', .*merged cells"):
         read_samples(book(NAMES, CELLS, ["", *CELLS[1:]]), kr10)
 
 
