@@ -147,8 +147,8 @@ def validate(
             unloaded positions and the joint angles.
 
     Returns:
-        A printable report; its `verdict` is "ok", "suspicious" or "invalid". Rows of a data set or a
-        DataFrame count from 0.
+        A printable report; its `verdict` is "ok", "suspicious" or "invalid". Rows of a data set
+        or a DataFrame count from 0.
 
     Raises:
         ConfigError: `file` is neither a path nor a table, the robot's name is unknown, or a data
