@@ -8,20 +8,24 @@ no negative compliance, no prior) is cross-validated by pose on the changed samp
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from stiff_datasets.measured.mistakes import (
     FITTED_HYPOTHESES,
+    GAIN,
+    OFFSET_HYPOTHESES,
     POINT_HYPOTHESES,
     TCP_HYPOTHESIS,
     ZERO_WORDS,
     FittedHypothesis,
     Reading,
     compliances,
+    effect_hypotheses,
+    fitted_effects,
     fixed_hypotheses,
     normal_equations,
     reading,
@@ -29,6 +33,7 @@ from stiff_datasets.measured.mistakes import (
     with_tilting_joints,
     zero_hypotheses,
 )
+from stiff_datasets.measured.outliers_and_drift import LeftOut, left_out
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import RANK_TOLERANCE
 
@@ -55,6 +60,12 @@ BLOCKS, BLOCK_ROWS = 10, 100
 """A longer file is sampled: this number of blocks of rows, spread evenly, shows a mistake."""
 FIT_STEPS, FOLD_FIT_STEPS = 10, 3
 """Steps of Gauss-Newton: for all samples, and from that result for each fold."""
+STEP = 1e-3
+"""Step of numerical slopes, SI."""
+EFFECT_STEPS, SMALL_CHANGE = 6, 1e-2
+"""Steps of Gauss-Newton with all effects, and the relative change after which they end."""
+MIN_EFFECT_F = 12.0
+"""Least F statistic of the numbers of a hypothesis that is fitted with all effects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,17 +77,26 @@ class Fit:
         squares: (n,) squared length of each residual, m2.
         reading: the samples as changed by the hypothesis.
         min_gain: least share by which the hypothesis has to lower the RMS residual.
+        hypothesis: the hypothesis with free numbers; None: it has none.
+        numbers: (n_free,) fitted numbers, SI.
     """
 
     text: str
     squares: FloatArray
     reading: Reading
     min_gain: float = 0.0
+    hypothesis: FittedHypothesis | None = None
+    numbers: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
     def rms(self) -> float:
         """Root mean square length of the residual, m; see `_rms`."""
         return _rms(self.squares)
+
+    @property
+    def is_offset(self) -> bool:
+        """True for one of `OFFSET_HYPOTHESES`."""
+        return self.hypothesis in OFFSET_HYPOTHESES
 
     @property
     def score(self) -> float:
@@ -97,7 +117,7 @@ class Diagnosis:
     Attributes:
         given: fit to the samples without a hypothesis.
         best: fit of the hypothesis that is clearly better; None: no hypothesis is.
-        compared: fit to the samples without a hypothesis, with the springs of `best`.
+        compared: fit to the samples without a hypothesis, by the springs of `best`.
         ties: texts of the hypotheses that explain the samples as well.
         elsewhere: fits with springs across the joints' axes, too: at the given points, then at
             other points, the best first. Empty if a mistake was found or no other point is
@@ -124,6 +144,9 @@ def diagnose(
     (Econometrica 57, 1989) for models that do not contain each other. Of hypotheses that tie, the
     likeliest with stiffnesses of a usual size is named.
 
+    Offsets and the TCP are named only if springs with all effects confirm them. These springs also
+    seek what joint springs do not show, and tell offsets from each other.
+
     Args:
         samples: the data; with fewer than ten poses no hypothesis is tried.
         robot: the measured robot.
@@ -141,6 +164,7 @@ def diagnose(
     given = _cross_validate("", data, fold)
     if n_poses < MIN_POSES:
         return Diagnosis(given)
+    with_effects = _fit_with_effects("", data)
     better_fits = _better_hypotheses(data, given, pose, fold, joints_only, may_fit)
     if better_fits:  # not what bearings that tilt explain as well
         tilting = _cross_validate("", with_tilting_joints(data), fold)
@@ -148,61 +172,117 @@ def diagnose(
             fit.text: _cross_validate("", with_tilting_joints(fit.reading), fold, fit.min_gain)
             for fit in better_fits
         }
-        better_fits = [
-            fit for fit in better_fits if _clearly_better(tilting_fits[fit.text], tilting, pose)
+        better_fits = [  # nor what springs with all effects explain as well
+            fit
+            for fit in better_fits
+            if _clearly_better(tilting_fits[fit.text], tilting, pose)
+            and _is_clear_with_effects(fit, with_effects, pose)
         ]
     if _stiffness_size(data) == "usual":  # an undone mistake leaves a usual size
         better_fits = [fit for fit in better_fits if _stiffness_size(fit.reading) != "unusual"]
     lowest = min((fit.score for fit in better_fits), default=0.0)
     near_best = [fit for fit in better_fits if fit.score <= NEAR_TIE_RATIO * lowest]
     best = min(near_best, key=functools.partial(_doubts, TIE_RATIO * lowest), default=None)
+    has_offset = any(fit.is_offset for fit in near_best)
     if best is not None and ZERO_WORDS in best.text:  # bearings that tilt tell it from a TCP
         best = min(near_best, key=lambda fit: tilting_fits[fit.text].rms)
+        is_decided = not has_offset
+    else:
+        is_decided = best is not None and not best.is_offset
     near_best = sorted((fit for fit in near_best if fit is not best), key=lambda fit: fit.score)
     ties = tuple(fit.text for fit in near_best)
-    if best is not None or not may_fit:
+    if is_decided or not may_fit:
         return Diagnosis(given, best, given, ties)
-    tilting_data = with_tilting_joints(data)
-    tilting = _cross_validate("", tilting_data, fold)
-    best = _best_with_tilting_joints(tilting_data, tilting, pose, fold, joints_only)
+    if near_best := _best_with_effects(with_effects, pose, joints_only):
+        ties = tuple(fit.text for fit in near_best[1:] if fit.text)
+        return Diagnosis(given, near_best[0], with_effects, ties)
     if best is not None:
-        return Diagnosis(given, best, tilting)
+        return Diagnosis(given, best, given, ties)
     elsewhere: tuple[Fit, ...] = ()
     if not joints_only and given.explained < CLEAN_EXPLAINED:
+        tilting_data = with_tilting_joints(data)
+        tilting = _cross_validate("", tilting_data, fold)
         elsewhere = _fits_of_points(tilting_data, tilting, pose, fold)
     return Diagnosis(given, elsewhere=elsewhere)
 
 
-def _best_with_tilting_joints(
-    data: Reading, given: Fit, pose: IntArray, fold: IntArray, joints_only: bool
-) -> Fit | None:
-    """Return the fit of the best mistake in the geometry, with springs about all axes.
+def _best_with_effects(given: Fit, pose: IntArray, joints_only: bool) -> list[Fit]:
+    """Return the fits of the best mistakes by springs with all effects; see `left_out`.
 
-    They leave less than joint springs, so that they show smaller mistakes. Only hypotheses whose
-    first step of the search gains half of the least share are fitted. If the force's point explains
-    as much as the TCP, none is returned: `_fits_of_points` asks about both.
+    They leave less than joint springs, so that they show smaller mistakes. The first is the
+    likeliest of those that tie. If the force's point explains most, none is returned:
+    `_fits_of_points` asks about it.
     """
-    force_point = POINT_HYPOTHESES[1]
-    points = () if joints_only else (force_point, TCP_HYPOTHESIS)
-    hypotheses = (*points, *zero_hypotheses(data.robot))
-    fits: list[tuple[float, int, FittedHypothesis, FloatArray]] = []
-    for hypothesis in hypotheses:
-        start = np.zeros(hypothesis.n_free)
-        if _can_gain(hypothesis, data, start):
-            numbers = _fit_numbers(hypothesis, data, start)
-            bound = rms_of_all(hypothesis.change(data, numbers)) / (1.0 - hypothesis.min_gain)
-            if np.linalg.norm(numbers) > hypothesis.least:
-                fits.append((bound, len(fits), hypothesis, numbers))
-    for bound, _, hypothesis, numbers in sorted(fits, key=lambda entry: entry[:2]):
-        if bound > given.rms:
+    fits, data = [], given.reading
+    if not joints_only:
+        moved_tcp = replace(TCP_HYPOTHESIS, min_gain=GAIN)
+        may_move = _can_gain(moved_tcp, with_tilting_joints(data), np.zeros(moved_tcp.n_free))
+        fits = [
+            _fit_with_effects(text, changed_data, gain)
+            for text, changed_data, gain in effect_hypotheses(data, may_move)
+        ]
+    for hypothesis in fitted_effects(data, joints_only):
+        fits.extend(_fit_effects(hypothesis, given, pose, np.zeros(hypothesis.n_free)))
+    clear_fits = [
+        fit for fit in fits if fit.explained > MIN_EXPLAINED and _clearly_better(fit, given, pose)
+    ]
+    lowest = min((fit.score for fit in clear_fits), default=0.0)
+    near_best = [fit for fit in clear_fits if fit.score <= NEAR_TIE_RATIO * lowest]
+    near_best.sort(key=lambda fit: fit.score > TIE_RATIO * lowest)
+    return near_best if near_best and near_best[0].text else []
+
+
+def _fit_with_effects(text: str, data: Reading, min_gain: float = 0.0) -> Fit:
+    """Fit springs with all effects; the squares are those of rows that are left out."""
+    springs = left_out(data, np.ones(len(data.q), dtype=bool))
+    return Fit(text, _squares(springs), data, min_gain)
+
+
+def _is_clear_with_effects(fit: Fit, given: Fit, pose: IntArray) -> bool:
+    """Test if springs with all effects confirm an offset, with numbers fitted again.
+
+    Curved springs under loads of one size look like an offset of the forces.
+    """
+    if fit.hypothesis is None or not fit.is_offset:
+        return True
+    refits = _fit_effects(fit.hypothesis, given, pose, fit.numbers)
+    return any(_clearly_better(refit, given, pose) for refit in refits)
+
+
+def _fit_effects(
+    hypothesis: FittedHypothesis, given: Fit, pose: IntArray, numbers: FloatArray
+) -> Iterator[Fit]:
+    """Fit numbers of a hypothesis, from the given ones, and springs that have all effects.
+
+    Nothing is yielded if they are too small, or if their F statistic is below `MIN_EFFECT_F`.
+    """
+    data, n = given.reading, hypothesis.n_free
+    every = np.ones(len(data.q), dtype=bool)
+    for step in range(EFFECT_STEPS):
+        changed = hypothesis.change(data, numbers)
+        springs = left_out(changed, every)
+        residual = springs.residual(changed)
+        slopes = [
+            (residual - springs.residual(hypothesis.change(data, numbers + unit))) / STEP
+            for unit in STEP * np.eye(n)
+        ]
+        fit = left_out(changed, every, np.stack(slopes, axis=-1))
+        if step == 0 and fit.rms > (1.0 - 0.5 * hypothesis.min_gain) * given.rms:
+            return
+        change = fit.coefficients[-n:] / fit.size[-n:]
+        numbers = numbers + change
+        if np.linalg.norm(change) < SMALL_CHANGE * np.linalg.norm(numbers):
             break
-        if hypothesis is force_point:
-            return None
-        fit = _cross_validate_fitted(hypothesis, numbers, data, fold)
-        if fit.explained > MIN_EXPLAINED and _clearly_better(fit, given, pose):
-            one_spring_each = fit.reading.jacobian[:, :, : data.robot.n_joints]
-            return replace(fit, reading=replace(fit.reading, jacobian=one_spring_each))
-    return None
+    rows_per_pose = len(data.q) / (pose.max() + 1)
+    is_clear = fit.statistic(numbers) > MIN_EFFECT_F * rows_per_pose
+    is_positive = numbers[0] > 0.0 or not hypothesis.positive
+    if is_clear and is_positive and np.linalg.norm(numbers) > hypothesis.least:
+        text = hypothesis.text.format(*(numbers * hypothesis.unit))
+        yield Fit(text, _squares(fit), hypothesis.change(data, numbers), hypothesis.min_gain)
+
+
+def _squares(springs: LeftOut) -> FloatArray:
+    return np.asarray((springs.error**2).sum(axis=1))
 
 
 def _fits_of_points(
@@ -356,7 +436,8 @@ def _cross_validate_fitted(
             (test_data.deflection - test_data.regressor() @ fold_compliance) ** 2
         ).sum(axis=1)
     text = hypothesis.text.format(*(numbers * hypothesis.unit))
-    return Fit(text, squares, hypothesis.change(data, numbers), hypothesis.min_gain)
+    changed = hypothesis.change(data, numbers)
+    return Fit(text, squares, changed, hypothesis.min_gain, hypothesis, numbers)
 
 
 def _fit_numbers(
@@ -393,14 +474,13 @@ def _linear_step(
 
     In the step, compliances may become negative.
     """
-    step = 1e-3
     changed = hypothesis.change(data, numbers)
     matrix, compliance = changed.regressor(), compliances(changed)
     residual = changed.deflection - matrix @ compliance
     slopes = []
     for unit in np.eye(hypothesis.n_free):
-        moved = hypothesis.change(data, numbers + step * unit)
-        slopes.append((residual - moved.deflection + moved.regressor() @ compliance) / step)
+        moved = hypothesis.change(data, numbers + STEP * unit)
+        slopes.append((residual - moved.deflection + moved.regressor() @ compliance) / STEP)
     design = np.concatenate([np.stack(slopes, axis=-1), matrix], axis=-1)
     design = design.reshape(-1, design.shape[-1])
     size = np.linalg.norm(design, axis=0)

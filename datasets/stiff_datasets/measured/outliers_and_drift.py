@@ -95,7 +95,7 @@ class Outliers:
 def find_outliers(data: Reading) -> Outliers:
     """Find the rows that springs fitted to the other rows do not predict.
 
-    The springs are described in `_effects`. An error is divided by its standard error, relative to
+    The springs are described in `effects`. An error is divided by its standard error, relative to
     the noise, and by the size of the deflection, because a model's error grows with the load. A row
     is an outlier if this share lies `GROSS_DEVIATIONS` robust standard deviations above the median.
     The share must also exceed `MODEL_ERROR`, or one of `SLIPS` must leave a usual share.
@@ -109,7 +109,7 @@ def find_outliers(data: Reading) -> Outliers:
     residual_mm = np.linalg.norm(given_mm - data.regressor() @ compliances(data) * MM_PER_M, axis=1)
     odd = residual_mm > np.quantile(residual_mm, 1.0 - MAX_OUTLIERS)
     for _ in range(5):
-        fit = _left_out(data, ~odd)
+        fit = left_out(data, ~odd)
         error_mm = fit.error * MM_PER_M  # (n, 3)
         length_mm = np.linalg.norm(error_mm, axis=1)
         size_mm = np.linalg.norm([given_mm, given_mm - error_mm], axis=2).min(axis=0)
@@ -184,7 +184,7 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
         return None
     part, fitted = data.take(compared), np.ones(len(compared), dtype=bool)
     constant = np.ones(len(lines))
-    given = _left_out(part, fitted, constant[compared, None])
+    given = left_out(part, fitted, _offsets(constant[compared, None]))
     place, jump = np.arange(len(lines)), compared[_likeliest_jump(part, given)]
     jumped = f"jumped by {{}} mm at row {lines[jump]} and stayed there"
     drifted = f"drifted by {{}} mm from row {lines[0]} to row {lines[-1]}"
@@ -194,12 +194,9 @@ def find_change(data: Reading, lines: IntArray, odd: BoolArray) -> Change | None
         (drifted, place / place[-1], ()),
         (jumped, after.astype(np.float64), lines[after]),
     ):
-        fit = _left_out(part, fitted, np.column_stack([constant, course])[compared])
-        numbers = fit.coefficients[-3:]
-        information = np.linalg.inv(fit.inverse[-3:, -3:])
-        statistic = float(numbers @ information @ numbers) / fit.rms**2  # of 3 numbers, 3 axes
-        if statistic > MIN_CHANGE_F and fit.rms < (1.0 - CHANGE_GAIN) * given.rms:
-            offset = numbers / fit.size[-3:]
+        fit = left_out(part, fitted, _offsets(np.column_stack([constant, course])[compared]))
+        offset = fit.coefficients[-3:] / fit.size[-3:]
+        if fit.statistic(offset) > MIN_CHANGE_F and fit.rms < (1.0 - CHANGE_GAIN) * given.rms:
             vector = ", ".join(f"{length:.2g}" for length in offset * MM_PER_M)
             text = (
                 f"the deflections look as if they had {what.format(f'({vector})')}; springs fitted "
@@ -214,7 +211,12 @@ def left_out_rms(data: Reading, odd: BoolArray) -> float:
     """Return the RMS error [m] of rows left out, without a change and without outliers."""
     usual = data.take(~odd)
     every = np.ones(len(usual.q), dtype=bool)
-    return _left_out(usual, every, np.ones((len(usual.q), 1))).rms
+    return left_out(usual, every, _offsets(np.ones((len(usual.q), 1)))).rms
+
+
+def _offsets(courses: FloatArray) -> FloatArray:
+    """Return the (n, 3, 3 m) deflections by unit offsets with the `courses` (n, m)."""
+    return (courses[:, None, :, None] * np.eye(3)[:, None]).reshape(len(courses), 3, -1)
 
 
 def _likeliest_jump(data: Reading, given: LeftOut) -> int:
@@ -223,7 +225,8 @@ def _likeliest_jump(data: Reading, given: LeftOut) -> int:
     Rows are counted from 0; each side has at least `MIN_ROWS_BESIDE_JUMP`.
     """
     n = len(data.q)
-    matrix = _effects(data, given.knee, np.ones((n, 1))) / given.size
+    matrix = np.concatenate([effects(data, given.knee), _offsets(np.ones((n, 1)))], axis=2)
+    matrix = matrix / given.size
     residual = data.deflection - matrix @ given.coefficients
     # by cumulative sums from each row to the last
     loads = np.cumsum(matrix[::-1], axis=0)[::-1]  # (n, 3, n_columns)
@@ -247,7 +250,7 @@ class LeftOut:
         coefficients: (n_columns,) coefficients of the columns scaled to unit length.
         inverse: (n_columns, n_columns) covariance of the coefficients, as a multiple.
         size: (n_columns,) length of the columns; infinite for columns without an effect.
-        knee: (n_joints,) see `_effects`.
+        knee: (n_joints,) see `effects`.
     """
 
     error: FloatArray
@@ -262,22 +265,39 @@ class LeftOut:
         """RMS length of the errors, m."""
         return float(np.sqrt((self.error**2).sum(axis=1).mean()))
 
+    def residual(self, data: Reading) -> FloatArray:
+        """Return the (n, 3) deflection minus the fitted springs' prediction, m."""
+        matrix = effects(data, self.knee)
+        k = matrix.shape[2]
+        return data.deflection - matrix @ (self.coefficients[:k] / self.size[:k])
 
-def _left_out(data: Reading, fitted: BoolArray, courses: FloatArray | None = None) -> LeftOut:
+    def statistic(self, numbers: FloatArray) -> float:
+        """Return the F statistic of (m,) `numbers` as coefficients of the last columns."""
+        m = len(numbers)
+        scaled = numbers * self.size[-m:]
+        information = np.linalg.inv(self.inverse[-m:, -m:])
+        return float(scaled @ information @ scaled) * 3.0 / (m * self.rms**2)  # three axes
+
+
+def left_out(data: Reading, fitted: BoolArray, columns: FloatArray | None = None) -> LeftOut:
     """Predict each row by springs fitted to the other rows.
 
     Args:
         data: the samples.
         fitted: (n,) true for rows that the springs are fitted to.
-        courses: (n, m) course of m offsets of the deflections from row to row.
+        columns: (n, 3, m) deflections by m further effects of unit size.
     """
-    courses = np.empty((len(fitted), 0)) if courses is None else courses
     load = (np.hstack([data.force, data.torque])[:, None] @ data.jacobian)[:, 0]
     knee = LOST_MOTION * np.abs(load).max(axis=0) + 1e-9  # (n_joints,) N m
-    matrix = _effects(data, knee, courses)  # (n, 3, n_columns)
+    matrix = effects(data, knee)  # (n, 3, n_columns)
+    n_springs = matrix.shape[2]
+    if columns is not None:
+        matrix = np.concatenate([matrix, columns], axis=2)
     gram, right = normal_equations(matrix[fitted], data.deflection[fitted])
     size = np.sqrt(np.diagonal(gram))
-    size = np.where(size > RANK_TOLERANCE * size.max(), size, np.inf)
+    least = np.zeros(len(size))
+    least[:n_springs] = RANK_TOLERANCE * size[:n_springs].max()
+    size = np.where(size > least, size, np.inf)
     weight = RIDGE / (3.0 * fitted.sum())
     inverse = np.linalg.inv(gram / np.outer(size, size) + weight * np.eye(len(size)))
     coefficients = inverse @ (right / size)
@@ -292,21 +312,20 @@ def _left_out(data: Reading, fitted: BoolArray, courses: FloatArray | None = Non
     return LeftOut(error, covariance, coefficients, inverse, size, knee)
 
 
-def _effects(data: Reading, knee: FloatArray, courses: FloatArray) -> FloatArray:
-    """Return the deflections (n, 3, 5 n_joints + 3 m) by effects of unit size.
+def effects(data: Reading, knee: FloatArray) -> FloatArray:
+    """Return the deflections (n, 3, 5 n_joints) by effects of unit size.
 
-    They are joint springs, springs about the axes of every joint's frame, the joints' lost motion,
-    and offsets with the `courses` (n, m). Lost motion is proportional to the arctangent of a
-    joint's torque over its `knee` (n_joints,) [N m], relative to the arm's own weight.
+    They are joint springs, springs about the axes of every joint's frame, and the joints' lost
+    motion. Lost motion is proportional to the arctangent of a joint's torque over its `knee`
+    (n_joints,) [N m], relative to the arm's own weight.
     """
     poses, jacobian = data.robot.forward(data.q), data.jacobian
     axes = poses.rotations.swapaxes(2, 3).reshape(len(jacobian), -1, 3)
-    levers = np.repeat(poses.points[:, -1:] - poses.points[:, :-1], 3, axis=1)
+    levers = np.repeat(data.tcp[:, None] - poses.points[:, :-1], 3, axis=1)
     tilts = np.concatenate([np.cross(axes, levers), axes], axis=2).swapaxes(1, 2)
     wrench = np.hstack([data.force, data.torque])
     weight = data.robot.gravity_torque(data.q)
     load = (wrench[:, None] @ jacobian)[:, 0]
     lost = np.arctan((weight + load) / knee) - np.arctan(weight / knee)
-    offsets = courses[:, None, :, None] * np.eye(3)[:, None]  # (n, 3, m, 3)
     parts = data.regressor(), unit_deflections(tilts, wrench), jacobian[:, :3] * lost[:, None]
-    return np.concatenate([*parts, offsets.reshape(len(jacobian), 3, -1)], axis=2)
+    return np.concatenate(parts, axis=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 
 import numpy as np
@@ -15,12 +16,20 @@ from planted_faults import (
     OF_TORQUE,
     TORQUE,
     TWINS,
+    Clean,
     added,
     clean,
     outcome,
+    replaced,
 )
+from stiff_datasets.measured.identifiability import regressor
 from stiff_datasets.measured.mistakes import reading
 from stiff_datasets.measured.outliers_and_drift import find_change, find_outliers
+from stiff_datasets.measured.sheet_files import sample_table
+from stiff_datasets.planning.design import SpringDesign
+from stiff_datasets.planning.plan import candidate_plan, chosen_plan
+from stiff_datasets.twin.constants import shipped_constants
+from stiff_datasets.twin.experiment import TwinExperiment
 
 QUICK = {
     "kr10-twin": ["wrench of opposite sign", "forces in kg", "joint 3 off by -90 deg"],
@@ -110,6 +119,63 @@ def test_clean_data_are_ok(twin, tmp_path):
     report = clean(twin, 1).report(tmp_path / "my.csv")
     assert report.errors == report.warnings == ()
     assert repr(report).splitlines()[0] == f"{tmp_path / 'my.csv'}: ok"
+
+
+def with_tcp_read_as(data, signs):
+    """Return the file with a TCP on its flange whose lengths have other signs."""
+    robot = data.robot
+    moved = robot.flange[:3, :3] @ (robot.tcp_on_flange * signs - robot.tcp_on_flange)
+    return dataclasses.replace(data, robot=dataclasses.replace(robot, tcp=robot.tcp + moved))
+
+
+def test_a_tcp_of_the_wrong_sign_is_named_without_torques(tmp_path):
+    (warning,) = (
+        with_tcp_read_as(clean("FANUC"), [1.0, 1.0, -1.0])
+        .report(tmp_path / "my.csv", no_torque=True)
+        .warnings
+    )
+    assert "the TCP looks as if" in warning.message
+    assert "sign of z flipped: (7, 245, 319) mm" in warning.message
+
+
+FIRST_ROWS = 60
+
+
+def named_numbers(data, table, path):
+    """Return the first three numbers of the only warning."""
+    (warning,) = data.report(path, table.iloc[:FIRST_ROWS]).warnings
+    numbers = re.search(r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\)", warning.message)
+    return warning.message, np.array(numbers.groups(), dtype=float)
+
+
+def test_an_offset_of_a_tenth_of_the_force_is_named_with_its_value(tmp_path):
+    data, offset = clean("ur5-twin", 1), np.array([1.5, -1.5, 1.5])
+    table = added(FORCE, *offset)(data)
+    message, numbers = named_numbers(data, table, tmp_path / "base.csv")
+    assert "forces look as if they had a constant offset" in message
+    np.testing.assert_allclose(numbers, offset, atol=0.8)
+    table = replaced(data, FORCE, data.table[FORCE] + data.kinematics.flange @ offset)
+    message, numbers = named_numbers(data, table, tmp_path / "sensor.csv")
+    assert "force sensor looks as if it had an offset" in message
+    np.testing.assert_allclose(numbers, offset, atol=0.8)
+
+
+def test_torques_about_the_flange_are_named_where_tilting_bearings_hide_them(tmp_path):
+    data = clean("kr10-twin-omni", 0)
+    assert outcome("torque about the flange", data, tmp_path / "my.csv") == "named"
+
+
+def test_curved_springs_under_planned_weights_are_no_tool(tmp_path, monkeypatch):
+    constants = shipped_constants("ur5")
+    robot = constants.robot()
+    pool = candidate_plan(robot, 2000, seed=1, payload_kg=constants.payload_kg)
+    design = SpringDesign(regressor(robot, pool.q, pool.wrench), "d-optimal")
+    plan, _ = chosen_plan(pool, 30, design)
+    experiment = TwinExperiment(constants, specimen=1, seed=0)
+    monkeypatch.setattr(experiment, "wrenches", lambda q, block: plan.wrench)
+    samples = dataclasses.replace(experiment.samples(plan), wrench=plan.wrench)
+    report = Clean(sample_table(samples, robot), robot).report(tmp_path / "my.csv", no_torque=True)
+    assert not any("look as if" in warning.message for warning in report.warnings)
 
 
 def test_missing_torques_are_no_mistake_where_that_is_declared(tmp_path):
