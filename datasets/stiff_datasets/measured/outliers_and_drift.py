@@ -274,7 +274,8 @@ class LeftOut:
     def statistic(self, numbers: FloatArray) -> float:
         """Return the F statistic of (m,) `numbers` as coefficients of the last columns."""
         m = len(numbers)
-        scaled = numbers * self.size[-m:]
+        size = self.size[-m:]
+        scaled = numbers * np.where(np.isfinite(size), size, 0.0)
         information = np.linalg.inv(self.inverse[-m:, -m:])
         return float(scaled @ information @ scaled) * 3.0 / (m * self.rms**2)  # three axes
 
