@@ -555,7 +555,7 @@ def effect_hypotheses(data: Reading, may_move: bool) -> list[tuple[str, Reading,
 def fitted_effects(data: Reading, joints_only: bool) -> tuple[FittedHypothesis, ...]:
     """Return the hypotheses with free numbers that springs with all effects compare.
 
-    One without a text is the force's point, which is no mistake to name.
+    One without a text is the force's point; it is not named as a mistake.
     """
     zeros = zero_hypotheses(data.robot)
     if joints_only:
