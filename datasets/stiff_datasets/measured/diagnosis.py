@@ -233,7 +233,7 @@ def _best_with_effects(given: Fit, pose: IntArray, joints_only: bool) -> list[Fi
 
 
 def _fit_with_effects(text: str, data: Reading, min_gain: float = 0.0) -> Fit:
-    """Fit springs with all effects; the squares are those of rows that are left out."""
+    """Fit springs with all effects; each square is the error of a row that is left out."""
     springs = left_out(data, np.ones(len(data.q), dtype=bool))
     return Fit(text, _squares(springs), data, min_gain)
 
