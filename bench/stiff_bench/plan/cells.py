@@ -30,6 +30,7 @@ from stiff_models.model_catalog import MODELS, REFERENCE_MODEL
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
+    ModelError,
     StiffBenchError,
     StiffBenchWarning,
     describe_error,
@@ -280,8 +281,17 @@ def make_protocol(choice: Choice[ProtocolInfo]) -> EvaluationProtocol:
 
 
 def made_model(choice: Choice[ModelInfo], source: BenchmarkData | None) -> StiffnessModel:
-    """Return a new model, which gets samples and robot of its source if it learns from one."""
+    """Return a new model, which gets samples and robot of its source if it learns from one.
+
+    Raises:
+        ModelError: the constructor changes an option.
+    """
     model: StiffnessModel = choice.make()
+    for name, value in choice.params.items():
+        if repr(stored := getattr(model, name, value)) != repr(value):
+            raise ModelError(
+                f"the constructor changes {name} from {value!r} to {stored!r}: store it as given"
+            )
     if offers(model, "use_source"):
         model.use_source(source and source.without_truth())
     return model

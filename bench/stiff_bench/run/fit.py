@@ -48,7 +48,12 @@ from stiff_protocols.contract.types import (
     Interval,
 )
 from stiff_protocols.scoring.conformal import SplitConformal
-from stiff_protocols.scoring.sanity import check_prediction, check_units, warn_of_rows
+from stiff_protocols.scoring.sanity import (
+    check_prediction,
+    check_rows_apart,
+    check_units,
+    warn_of_rows,
+)
 
 ROWS_FOR_UNITS = 256
 """Number of training rows predicted to check that a model predicts m."""
@@ -163,13 +168,18 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
     memory = MemoryMeter()
     check_readings(model, given.train)
     start = time.perf_counter()
-    model.fit(given.train, robot=given.robot, validation=given.validation, seed=given.seed)
+    returned = model.fit(
+        given.train, robot=given.robot, validation=given.validation, seed=given.seed
+    )
     fitted = time.perf_counter()
+    if returned is not model:
+        raise ModelError(f"fit returned {type(returned).__name__}: end fit with return self")
     predict_rows = optional(model, "predict_reading") if given.of_readings else model.predict
     answer = predict_rows(q, wrench)
     predict_s = time.perf_counter() - fitted
     memory_bytes = memory.rise()
     predicted = _checked(lambda *_: answer)(q, wrench)
+    check_rows_apart(predict_rows, q, wrench, predicted)
     predict, predict_tcp = map(_checked, (model.predict, optional(model, "predict_at_tcp")))
     training = given.train.take(_spread_rows(len(given.train), ROWS_FOR_UNITS))
     check_units(predict(training.q, training.wrench), training.deflection)

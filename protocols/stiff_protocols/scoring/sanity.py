@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from stiff_protocols.contract.errors import ModelError, warn
-from stiff_protocols.contract.types import FloatArray, Samples
+from stiff_protocols.contract.types import Deflection, FloatArray, Samples
 
 FAR_OFF = 100.0
 """Factor between a predicted and the measured root mean square from which it is suspect."""
@@ -24,15 +24,19 @@ FEWEST = 3
 """Training samples; with fewer, any difference may cause the deflection."""
 FORCES = (1e-2, 1e5)
 """N; smaller forces do not bend a robot, and larger forces break it."""
+ROWS_AGAIN = 16
+"""Largest number of rows that are predicted twice."""
+SAME_M, SAME_SHARE = 1e-7, 1e-4
+"""m, and share of the largest prediction, by which rounding may change a prediction."""
 DEFLECTIONS = (1e-7, 0.1)
 """m; instruments do not resolve smaller deflections, and larger values are not deflections."""
 
 
 def check_prediction(predicted: FloatArray, n: int) -> None:
-    """Raise ModelError unless `predicted` is (n, 3) finite real numbers."""
+    """Raise ModelError unless `predicted` is (n, 3) finite floating-point numbers."""
     array = np.asarray(predicted)
     expectation = f"expected ({n}, 3) finite numbers"
-    if predicted is None or array.dtype.kind not in "fiu":
+    if predicted is None or array.dtype.kind != "f":
         what = "None" if predicted is None else f"{array.dtype} values"
         raise ModelError(f"predict returned {what}, {expectation}")
     if array.shape != (n, 3):
@@ -40,6 +44,34 @@ def check_prediction(predicted: FloatArray, n: int) -> None:
     if not np.isfinite(array).all():
         n_bad = int((~np.isfinite(array)).sum())
         raise ModelError(f"predict returned {n_bad} values that are not finite, {expectation}")
+
+
+def check_rows_apart(
+    predict: Deflection, q: FloatArray, wrench: FloatArray, predicted: FloatArray
+) -> None:
+    """Check that the prediction of a row does not depend on the rows beside it, nor on chance.
+
+    At most half of the rows are predicted again, in reverse order.
+
+    Args:
+        predict: returns (n, 3) m.
+        q: (n, n_joints) rad or m.
+        wrench: (n, 6) N and N m.
+        predicted: (n, 3) m, of all rows together.
+
+    Raises:
+        ModelError: a prediction differs.
+    """
+    n_again = min(-(-len(q) // 2), ROWS_AGAIN)
+    rows = np.linspace(len(q) - 1, 0, n_again).round().astype(np.int64)
+    again = np.asarray(predict(q[rows], wrench[rows]))
+    check_prediction(again, len(rows))
+    far = float(np.abs(again - predicted[rows]).max(initial=0.0))
+    if far > SAME_M + SAME_SHARE * float(np.abs(predicted).max(initial=0.0)):
+        raise ModelError(
+            f"{len(rows)} rows predicted again, in reverse order, differ by up to "
+            f"{1e3 * far:.3g} mm: compute means, scales and random numbers in fit, not in predict"
+        )
 
 
 def check_units(predicted: FloatArray, measured: FloatArray) -> None:

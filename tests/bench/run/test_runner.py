@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 
+from helpers.broken_models import Converts, Springs, broken, predicting
 from helpers.run_requests import computed, planned, with_model
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import build_registry
@@ -111,6 +112,31 @@ def test_a_training_side_too_small_for_the_coverage_keeps_the_point_metrics_and_
     (warning,) = result.warnings
     assert warning.startswith("no intervals: coverage 0.95 needs at least 19 calibration samples")
     assert "half of the 34 training poses are 17" in warning
+
+
+CHANGES = {
+    "rows predicted again": lambda predicted: predicted - predicted.mean(axis=0),
+    "in reverse order": lambda predicted: (
+        predicted * np.linspace(1.0, 2.0, len(predicted))[:, None]
+    ),
+    "differ by up to": lambda predicted: predicted + np.random.default_rng().normal(size=(1, 3)),
+    "int64": lambda predicted: predicted.astype(np.int64),
+}
+
+
+@pytest.mark.parametrize("words", CHANGES)
+def test_predictions_that_bench_check_refuses_fail_in_a_run_too(task_of, words):
+    result = compute_cell(task_of(predicting("Odd", CHANGES[words])), "r")
+    assert result.status == "failed" and words in result.failure
+
+
+def test_a_model_that_fit_does_not_return_or_whose_option_changes_fails_in_a_run_too(task_of):
+    silent = broken(
+        "Silent", fit=lambda self, train, **rest: Springs.fit(self, train, **rest) and None
+    )
+    assert "return self" in compute_cell(task_of(silent), "r").failure
+    result = compute_cell(task_of(Converts, scale=2), "r")
+    assert result.status == "failed" and "scale from 2 to 2.0" in result.failure
 
 
 def test_the_reference_is_a_vjm_identified_on_the_same_training_side(task_of):
