@@ -73,12 +73,21 @@ def test_a_model_file_that_is_a_pickle_is_refused_unread(wrap, bomb, tmp_path):
         load(path)
 
 
-def test_a_pickle_within_a_model_file_is_refused_unread(bomb, tmp_path, mark):
-    path = saved_model(tmp_path, "vjm")
+def objects_array(mark: Path) -> bytes:
+    """Return a .npy file of an array of objects, which NumPy pickles."""
+    file = io.BytesIO()
+    np.save(file, np.array([Bomb(mark)]), allow_pickle=True)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", [".npy", ".skops"])
+@pytest.mark.parametrize("wrap", [pickle.dumps, lambda bomb: objects_array(bomb.mark)])
+def test_a_pickle_within_a_model_file_is_refused_unread(kind, wrap, tmp_path, mark):
+    path = saved_model(tmp_path, "knn")
     parts = members(path.read_bytes())
-    array = next(name for name in parts if name.endswith(".npy"))
-    path.write_bytes(archived(parts | {array: bomb}))
-    with pytest.raises(DataError, match=r"model\.stiff: does not hold a model.*pickled"):
+    name = next(name for name in parts if name.endswith(kind))
+    path.write_bytes(archived(parts | {name: wrap(Bomb(mark))}))
+    with pytest.raises(DataError, match=r"model\.stiff: "):
         load(path)
 
 

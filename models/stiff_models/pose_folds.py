@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from sklearn.model_selection import GroupKFold
 
 from stiff_protocols.contract.types import IntArray, Samples
 
@@ -18,6 +17,8 @@ def folds_of_poses(samples: Samples, seed: int) -> Iterator[tuple[IntArray, IntA
 
     With fewer than `FOLDS` poses (at least two), each fold leaves out one pose.
     """
+    from sklearn.model_selection import GroupKFold  # slow, and a fitted model does not need it
+
     n_folds = min(FOLDS, len(np.unique(samples.pose_id)))
     folds = GroupKFold(n_folds, shuffle=True, random_state=seed)
     yield from folds.split(samples.q, groups=samples.pose_id)

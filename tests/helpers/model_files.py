@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-import skops.io
-
 from helpers.quick_models import quick_model
-from stiff_models.io.model_file import TRUSTED
 
 
 def saved_model(folder: Path, key: str) -> Path:
@@ -21,18 +20,23 @@ def saved_model(folder: Path, key: str) -> Path:
     return path
 
 
-def opened(path: Path) -> dict[str, Any]:
-    """Return what a file holds, as `save` gave it to skops."""
-    content: dict[str, Any] = skops.io.loads(path.read_bytes(), trusted=list(TRUSTED))
-    return content
-
-
-def changed(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
-    """Change what a file holds, write it as skops does, and return it."""
-    content = opened(path)
+def changed(
+    path: Path,
+    change: Callable[[dict[str, Any]], object],
+    more: Mapping[str, bytes] = MappingProxyType({}),
+) -> Path:
+    """Change the tree of a file, give it more members, and return it."""
+    parts = members(path.read_bytes())
+    content = json.loads(parts["model.json"])
     change(content)
-    path.write_bytes(skops.io.dumps(content))
+    path.write_bytes(archived({**parts, **more, "model.json": json.dumps(content).encode()}))
     return path
+
+
+def npy_header(shape: tuple[int, ...], dtype: str) -> bytes:
+    """Return the head of an array file."""
+    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
 
 
 def members(data: bytes) -> dict[str, bytes]:

@@ -1,10 +1,11 @@
-"""Read and write fitted models as skops files; stiffbench's objects become plain dictionaries.
+"""Read and write fitted models: a zip archive of `model.json` and of arrays (.npy).
 
-A file holds the model's key, options, robot and fitted attributes. `load` returns a model with
-bit-equal predictions on the same machine. Files contain no code: skops builds only objects of the
-types in a fixed list (no pickle). A dictionary names only models and frozen dataclasses of
-stiffbench, whose constructors check their arguments. The file of a third-party model has the hash
-of the plugin's code, and is read only if the user names the plugin.
+The page docs/formats.md has the layout. A file holds the model's class, options, robot and fitted
+attributes. `load` returns a model with bit-equal predictions on the same machine. Files contain no
+code: `load` builds numbers, texts, arrays, models and frozen dataclasses of stiffbench, whose
+constructors check their arguments. Only other objects, such as scikit-learn's, go through skops
+with a fixed list of types (no pickle). The file of a third-party model has the hash of the plugin's
+code, and is read only if the user names the plugin.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import io
+import json
+import math
+import re
 import sys
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeGuard, get_type_hints
@@ -32,9 +36,13 @@ from stiff_protocols.contract.types import Robot
 if TYPE_CHECKING:
     import torch
 
-FORMAT = 5
-_KIND_KEY = "stiffbench"
-"""Key that marks the dictionary of an object of ours: "model", "record" or "module"."""
+FORMAT = 6
+TREE = "model.json"
+"""Member with the tree of the model's values."""
+_MEMBER = re.compile(r"(?:[\w#][\w.#-]*/)*[\w#][\w.#-]*", re.ASCII)
+"""Names of members: no absolute path, and none of a parent folder."""
+_PART = re.compile(r"\w[\w.-]*", re.ASCII)
+"""Keys that are part of a member's name; others are replaced by "#" and their position."""
 _OWN_PACKAGES = ("stiff_models", "stiff_protocols")
 
 _COVARIANCES = (
@@ -78,34 +86,26 @@ def save(model: Any, path: Path, plugin: Mapping[str, Mapping[str, Any]] | None 
         path: the file; an existing file is replaced.
         plugin: key of a third-party model -> its options; None: the model is built in.
     """
-    import skops.io  # takes seconds
-
     key = next(iter(plugin)) if plugin else key_of(model)
     if not hasattr(model, "robot_"):
         raise NotFittedError(f"{type(model).__name__}: call fit before save")
+    members: dict[str, bytes] = {}
     try:
-        node = _plugin_node(model, key, plugin[key]) if plugin else _plain(model)
+        parts = _plugin_parts(model, key, plugin[key]) if plugin else _parts(model)
+        node = _object_node(parts, "model", members)
         content = {"format": FORMAT, "written_by": version("stiffbench"), "model": node}
-        data = bytes(skops.io.dumps(content))
-        unknown = sorted({*skops.io.get_untrusted_types(data=data)} - {*TRUSTED})
+        text = json.dumps(content, indent=1, allow_nan=False)
     except Exception as error:  # third-party objects may raise anything
         raise ModelError(f"{key} cannot be saved: {error}") from error
-    if unknown:
-        raise ModelError(
-            f"{key} cannot be saved: it holds {', '.join(unknown)} (valid: objects of "
-            "scikit-learn, numpy and scipy)"
-        )
-    with written_whole(Path(path)) as temporary:
-        temporary.write_bytes(data)
+    with written_whole(Path(path)) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, data in {TREE: text.encode(), **members}.items():
+            archive.writestr(name, data)
 
 
-def _plugin_node(model: Any, key: str, params: Mapping[str, Any]) -> dict[str, Any]:
+def _plugin_parts(model: Any, key: str, params: Mapping[str, Any]) -> dict[str, Any]:
     fitted = {name: part for name, part in vars(model).items() if name not in params}
-    for name, part in fitted.items():
-        if _is_module(part):
-            raise ModelError(f"{name} is a torch module; store its weights as arrays")
-    about = {"key": key, "code": code_of(type(model)), "params": _plain(dict(params))}
-    return {_KIND_KEY: "plugin", **about, "fitted": _plain(fitted)}
+    about = {"type": "plugin", "key": key, "code": code_of(type(model))}
+    return about | {"params": params, "fitted": fitted}
 
 
 def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
@@ -123,8 +123,12 @@ def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
             object unknown to this version.
     """
     try:
-        node = _content(Path(path).read_bytes())["model"]
-        model = _model(node) if node[_KIND_KEY] == "model" else _plugin_model(node, plugins or {})
+        members = _members(Path(path).read_bytes())
+        node = _tree(members)
+        is_plugin = node["type"] == "plugin"
+        model = _plugin_model(node, members, plugins or {}) if is_plugin else _value(node, members)
+        if members:
+            raise DataError(f"holds {sorted(members)[0]}, which {TREE} does not name")
         if not isinstance(getattr(model, "robot_", None), Robot):
             raise DataError("holds a model without its robot")
         return model
@@ -140,105 +144,219 @@ def load(path: Path | str, plugins: Mapping[str, type] | None = None) -> Any:
         raise DataError(f"{path}: {reason}") from error
 
 
-def _content(data: bytes) -> Mapping[str, Any]:
-    """Return the dictionary that `save` wrote, with the checks that skops omits."""
-    import skops.io
-
-    _check_archive(data)
-    content: Mapping[str, Any] = skops.io.loads(data, trusted=list(TRUSTED))
-    if content["format"] != FORMAT:
-        raise DataError(
-            f"has format {content['format']}, written by stiffbench {content['written_by']} "
-            f"(valid here: {FORMAT})"
-        )
-    return content
-
-
-def _check_archive(data: bytes) -> None:
-    """Raise DataError unless the bytes are an uncompressed archive: a guard against zip bombs."""
+def _members(data: bytes) -> dict[str, bytes]:
+    """Return the members of an uncompressed archive by name: a guard against zip bombs."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-            has_schema = "schema.json" in archive.namelist()
+            size, names = sum(part.file_size for part in archive.infolist()), archive.namelist()
+            if size > len(data):  # `save` compresses nothing
+                raise DataError(
+                    f"a file of {len(data)} bytes unpacks to {size} bytes; fit the model again"
+                )
+            for name in names:
+                if not _MEMBER.fullmatch(name):
+                    raise DataError(f"holds {name!r}, which is not a relative path")
+            if len({*names}) < len(names):
+                raise DataError("holds two members of one name")
+            return {name: archive.read(name) for name in names}
     except zipfile.BadZipFile as error:
         raise DataError(
             "not a model file, or a corrupt file; give a file that `bench fit` wrote"
         ) from error
-    if not has_schema:
+
+
+def _tree(members: dict[str, bytes]) -> Any:
+    """Return the model's node, and remove the tree from the members."""
+    if TREE not in members and "schema.json" in members:  # skops files, up to format 5
+        raise DataError(
+            "has the format of an earlier stiffbench, which is not read any more; fit the model "
+            "again"
+        )
+    if TREE not in members:
         raise DataError("not a model file of stiffbench; give a file that `bench fit` wrote")
-    if size > len(data):  # `save` compresses nothing
-        raise DataError(f"a file of {len(data)} bytes unpacks to {size} bytes; fit the model again")
+    content = json.loads(members.pop(TREE), object_pairs_hook=_unique)
+    if content["format"] != FORMAT:
+        raise DataError(
+            f"has format {content['format']}, written by stiffbench {content['written_by']} "
+            f"(valid here: {FORMAT}); fit the model again"
+        )
+    return content["model"]
 
 
-def _plain(value: Any) -> Any:
-    """Return a value with each stiffbench object as a dictionary; skops handles other objects."""
+def _unique(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a dictionary; DataError if a key is there twice."""
+    pairs = list(pairs)
+    if len(unique := dict(pairs)) < len(pairs):
+        raise DataError(f"has a key twice in {[key for key, _ in pairs]}")
+    return unique
+
+
+def _node(value: Any, place: str, members: dict[str, bytes]) -> Any:
+    """Return a value as JSON; its arrays, and objects that are not ours, become members.
+
+    `place` is the value's place in the tree, after which its members are named.
+    """
+    cls = type(value)
+    if cls is float and not math.isfinite(value):  # JSON has no such numbers
+        return {"type": "float", "value": str(value)}
+    if value is None or cls in (bool, int, float, str):
+        return value
+    if cls is np.ndarray or isinstance(value, np.generic):
+        array = np.asarray(value)
+        if _is_plain(array.dtype):
+            file = io.BytesIO()
+            np.lib.format.write_array(file, array, allow_pickle=False)
+            kind = "array" if cls is np.ndarray else "scalar"
+            members[f"{place}.npy"] = file.getvalue()
+            return {"type": kind, "file": f"{place}.npy"}
     if isinstance(value, list):
-        return [_plain(item) for item in value]
+        return [_node(item, f"{place}/{i}", members) for i, item in enumerate(value)]
     if isinstance(value, tuple):
-        return tuple(_plain(item) for item in value)
+        return {"type": "tuple", "items": _node([*value], place, members)}
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        if "type" in value or not all(type(key) is str for key in value):
+            items = [[key, part] for key, part in value.items()]
+            return {"type": "dict", "items": _node(items, place, members)}
+        return _nodes(value, place, members)
     if isinstance(value, PurePath):
         return str(value)
     if _is_module(value):
-        state = {name: tensor.cpu().numpy() for name, tensor in value.state_dict().items()}
-        return {_KIND_KEY: "module", "state": state}
+        raise ModelError(f"{place} is a torch module; store its weights as arrays")
+    if parts := _parts(value):
+        return _object_node(parts, place, members)
+    members[f"{place}.skops"] = _skops_data(value)
+    return {"type": "skops", "file": f"{place}.skops"}
+
+
+def _parts(value: Any) -> dict[str, Any]:
+    """Return what a file holds of a model or record of ours; empty for another object."""
     cls = type(value)
     if _is_own(cls) and isinstance(value, StiffnessModel):
         fitted = {name: part for name, part in vars(value).items() if _is_fitted(name)}
-        params = _plain(value.get_params(deep=False))
+        modules = {name: part.state_dict() for name, part in fitted.items() if _is_module(part)}
         return {
-            _KIND_KEY: "model",
+            "type": "model",
             "class": _name_of(cls),
-            "params": params,
-            "fitted": _plain(fitted),
+            "params": value.get_params(deep=False),
+            "fitted": {name: part for name, part in fitted.items() if name not in modules},
+            "modules": {
+                name: {key: tensor.cpu().numpy() for key, tensor in state.items()}
+                for name, state in modules.items()
+            },
         }
     if _is_record(cls):
         fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(cls) if f.init}
-        return {_KIND_KEY: "record", "class": _name_of(cls), "fields": _plain(fields)}
-    return value
+        return {"type": "record", "class": _name_of(cls), "fields": fields}
+    return {}
 
 
-def _restored(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return type(value)(_restored(item) for item in value)
-    if not isinstance(value, dict):
-        return value
-    if _KIND_KEY not in value:
-        return {key: _restored(item) for key, item in value.items()}
-    if value[_KIND_KEY] == "model":
-        return _model(value)
-    cls = _class_of(value["class"])
-    if not _is_record(cls):
-        raise DataError(f"holds {value['class']}, which is not a frozen dataclass of stiffbench")
-    return cls(**_restored(value["fields"]))
+def _object_node(parts: dict[str, Any], place: str, members: dict[str, bytes]) -> dict[str, Any]:
+    """Return the JSON of an object's parts: texts, and dictionaries of its values."""
+    return {
+        name: part if isinstance(part, str) else _nodes(part, f"{place}/{name}", members)
+        for name, part in parts.items()
+    }
 
 
-def _model(node: Mapping[str, Any]) -> StiffnessModel:
+def _nodes(values: Mapping[str, Any], place: str, members: dict[str, bytes]) -> dict[str, Any]:
+    return {
+        name: _node(value, f"{place}/{name if _PART.fullmatch(name) else f'#{i}'}", members)
+        for i, (name, value) in enumerate(values.items())
+    }
+
+
+def _skops_data(value: Any) -> bytes:
+    import skops.io  # takes seconds, as it imports scikit-learn and torch
+
+    data = bytes(skops.io.dumps(value))
+    if unknown := sorted({*skops.io.get_untrusted_types(data=data)} - {*TRUSTED}):
+        raise ModelError(
+            f"it holds {', '.join(unknown)} (valid: objects of scikit-learn, numpy and scipy)"
+        )
+    return data
+
+
+def _value(node: Any, members: dict[str, bytes]) -> Any:
+    """Return the value of a node, and remove what it uses from the members."""
+    match node:
+        case list():
+            return [_value(item, members) for item in node]
+        case {"type": "float", "value": str(text)}:
+            return float(text)
+        case {"type": "array" | "scalar" as kind, "file": str(file)}:
+            array = _array(_taken(file, members), file)
+            return array if kind == "array" else array[()]
+        case {"type": "skops", "file": str(file)}:
+            return _skops_value(_taken(file, members))
+        case {"type": "tuple" | "dict" as kind, "items": list(items)}:
+            return (tuple if kind == "tuple" else dict)(_value(items, members))
+        case {"type": "record", "class": str(name), "fields": dict(fields)}:
+            cls = _class_of(name)
+            if not _is_record(cls):
+                raise DataError(f"holds {name}, which is not a frozen dataclass of stiffbench")
+            return cls(**_values(fields, members))
+        case {"type": "model"}:
+            return _model(node, members)
+        case {"type": kind}:
+            raise DataError(f"holds a value of the type {kind!r} with the keys {[*node]}")
+        case dict():
+            return _values(node, members)
+    return node
+
+
+def _values(nodes: Mapping[str, Any], members: dict[str, bytes]) -> dict[str, Any]:
+    return {name: _value(node, members) for name, node in nodes.items()}
+
+
+def _taken(file: str, members: dict[str, bytes]) -> bytes:
+    """Return a member's bytes and remove it: named once, it cannot fill the memory."""
+    if file not in members:
+        raise DataError(f"has no member {file!r}, or {TREE} names it twice")
+    return members.pop(file)
+
+
+def _array(data: bytes, file: str) -> np.ndarray[Any, Any]:
+    source = io.BytesIO(data)
+    array = np.lib.format.read_array(source, allow_pickle=False)
+    if not _is_plain(array.dtype) or source.read(1):
+        raise DataError(f"{file!r} is not one array of numbers or texts")
+    return array
+
+
+def _is_plain(dtype: np.dtype[Any]) -> bool:
+    """Return whether an array holds only numbers, texts or times, which can be stored as .npy."""
+    return dtype.kind in "biufcUSmM" and dtype.itemsize > 0
+
+
+def _skops_value(data: bytes) -> Any:
+    import skops.io
+
+    _members(data)  # skops does not look for bombs
+    return skops.io.loads(data, trusted=list(TRUSTED))
+
+
+def _model(node: Mapping[str, Any], members: dict[str, bytes]) -> StiffnessModel:
     cls = _class_of(node["class"])
     if not issubclass(cls, StiffnessModel):
         raise DataError(f"holds {node['class']}, which is not a stiffbench model")
-    params = _restored(node["params"])
+    params = _values(node["params"], members)
     if params.get("device") == "cuda":
         import torch
 
         params["device"] = "cuda" if torch.cuda.is_available() else "auto"
     _check_options(cls, params)
     model = cls(**params)
-    modules = {}
-    for name, value in node["fitted"].items():
+    for name in (*node["fitted"], *node["modules"]):
         if not _is_fitted(name):
             raise DataError(f"sets {name!r}, which is not a fitted attribute")
-        if isinstance(value, dict) and value.get(_KIND_KEY) == "module":
-            modules[name] = value["state"]
-        else:
-            setattr(model, name, _restored(value))
-    for name, state in modules.items():  # last: their shape depends on the other attributes
-        setattr(model, name, _module(model, name, state))
+    for name, part in node["fitted"].items():
+        setattr(model, name, _value(part, members))
+    for name, state in node["modules"].items():  # last: their shape depends on the others
+        setattr(model, name, _module(model, name, _values(state, members)))
     return model
 
 
-def _plugin_model(node: Mapping[str, Any], plugins: Mapping[str, type]) -> Any:
+def _plugin_model(node: Any, members: dict[str, bytes], plugins: Mapping[str, type]) -> Any:
     key = str(node["key"])
     if key not in plugins:
         raise DataError(
@@ -247,11 +365,11 @@ def _plugin_model(node: Mapping[str, Any], plugins: Mapping[str, type]) -> Any:
     cls = plugins[key]
     if code_of(cls) != node["code"]:
         raise DataError(f"holds {key}, whose plugin file has changed since; fit the model again")
-    model = cls(**_restored(node["params"]))
-    for name, value in node["fitted"].items():
+    model = cls(**_values(node["params"], members))
+    for name, part in node["fitted"].items():
         if not name.isidentifier() or name.startswith("__"):
             raise DataError(f"sets {name!r}, which is not a fitted attribute")
-        setattr(model, name, _restored(value))
+        setattr(model, name, _value(part, members))
     return model
 
 

@@ -10,7 +10,6 @@ from typing import Annotated, Self
 
 import numpy as np
 from annotated_types import Gt
-from sklearn.base import clone
 
 from stiff_models.fitted_model import NormalModel
 from stiff_models.pose_folds import left_out_fifths
@@ -84,6 +83,8 @@ class CalibratedProcess(NormalModel):
 
     def _for_a_fold(self) -> Self:
         """Return an unfitted copy, which may be faster to fit."""
+        from sklearn.base import clone  # slow, and a fitted model does not need it
+
         copy: Self = clone(self)
         return copy
 

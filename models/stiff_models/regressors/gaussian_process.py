@@ -20,7 +20,6 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
-from sklearn.utils import check_random_state
 from threadpoolctl import threadpool_limits
 
 from stiff_protocols.contract.errors import ModelError, warn
@@ -68,7 +67,9 @@ class Search:
         noise = (min(max(low, least), high), high)
         bounds = np.log([VARIANCE_BOUNDS, *[LENGTH_BOUNDS] * len(start.lengths), noise])
         # legacy numbers: the same as in scikit-learn's restarts
-        drawn = check_random_state(self.seed).uniform(*bounds.T, (self.restarts, len(bounds)))
+        drawn = np.random.RandomState(self.seed).uniform(
+            bounds[:, 0], bounds[:, 1], (self.restarts, len(bounds))
+        )
         with threadpool_limits(1):  # a search amplifies the rounding of divided products
             return start.with_theta(minimum(loss, [start.theta, *drawn], bounds.tolist()))
 

@@ -14,7 +14,6 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from sklearn.base import clone
 
 from stiff_models.fitted_model import FittedModel
 from stiff_models.model_catalog import SpringModel
@@ -178,6 +177,8 @@ class AnchoredMlp(PretrainedMlp):
         """
         if self.teacher_ is None:
             return None
+        from sklearn.base import clone  # slow, and a fitted model does not need it
+
         try:
             with _no_warnings():
                 fitted: FittedModel = clone(self.teacher_).fit(samples, robot=self.teacher_.robot_)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import qmc
 
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
@@ -211,6 +210,8 @@ def _spanned(values: FloatArray, train: Samples) -> FloatArray:
 
 def _sobol(lower: FloatArray, upper: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
     """Return (n, n_columns) points of a scrambled Sobol sequence between the bounds."""
+    from scipy.stats import qmc  # slow, and a fitted model does not need it
+
     sequence = qmc.Sobol(len(lower), rng=rng)
     unit = sequence.random_base2((n - 1).bit_length())[:n]  # a power of two covers evenly
     return np.asarray(lower + unit * (upper - lower))
