@@ -69,12 +69,14 @@ def test_a_command_loads_nothing_heavy_that_it_does_not_need(words, heavy, tmp_p
 
 def test_a_command_with_a_spring_models_file_loads_no_library_of_learners(vjm_file, tmp_path):
     joints = ",".join(f"q{i}_deg" for i in range(1, 7))
-    (tmp_path / "poses.csv").write_text(f"{joints},fx_N,fy_N,fz_N\n10,-60,70,0,40,0,50,10,-80\n")
+    text = f"{joints},fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm\n10,-60,70,0,40,0,50,10,-80,1,2,0\n"
+    (tmp_path / "poses.csv").write_text(text)
     words = ["predict", "--model", str(vjm_file), "--input", "poses.csv", "--output", "out.csv"]
     heavy = "torch sklearn skops scipy.stats matplotlib seaborn"
     command = [sys.executable, "-c", IMPORTS, heavy, *words, "--coverage", "0.9"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout.strip().endswith("[]") and (tmp_path / "out.csv").exists()
+    assert (tmp_path / "out.csv").exists(), done.stderr
+    assert done.stdout.strip().endswith("[]")
 
 
 def test_a_board_is_printed_on_a_console_without_its_characters(tmp_path):
