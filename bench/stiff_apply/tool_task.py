@@ -27,7 +27,7 @@ TCP_TOLERANCE_M = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class ToolTask:
-    """The tool of a fitted model's robot, with its load.
+    """The tool of a fitted model and its robot, with the load.
 
     Attributes:
         model: fitted model.
@@ -35,7 +35,7 @@ class ToolTask:
         tool: (4, 4) tool frame in the last joint's frame, m.
         load: (6,) N and N m at the TCP, in `frame`; None: not given.
         frame: frame in which the load is constant while the tool turns.
-        hold: position of each held joint, deg or mm, by name or number; None: that of the start.
+        hold: position of each held joint, deg or mm, by name or number; None: as in the start.
         start: (n_joints,) joint positions, rad or m; None: not given.
     """
 

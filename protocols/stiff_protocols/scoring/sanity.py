@@ -49,7 +49,7 @@ def check_prediction(predicted: FloatArray, n: int) -> None:
 def check_rows_apart(
     predict: Deflection, q: FloatArray, wrench: FloatArray, predicted: FloatArray
 ) -> None:
-    """Check that the prediction of a row does not depend on the rows beside it, nor on chance.
+    """Check that the prediction of a row depends neither on other rows nor on chance.
 
     At most half of the rows are predicted again, in reverse order.
 

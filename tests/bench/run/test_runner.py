@@ -132,7 +132,7 @@ def test_predictions_that_bench_check_refuses_fail_in_a_run_too(task_of, words):
 
 def test_a_model_that_fit_does_not_return_or_whose_option_changes_fails_in_a_run_too(task_of):
     silent = broken(
-        "Silent", fit=lambda self, train, **rest: Springs.fit(self, train, **rest) and None
+        "Silent", fit=lambda self, train, **options: Springs.fit(self, train, **options) and None
     )
     assert "return self" in compute_cell(task_of(silent), "r").failure
     result = compute_cell(task_of(Converts, scale=2), "r")
