@@ -484,7 +484,10 @@ def _with_labels(names: Sequence[str], labels: Sequence[str]) -> list[str]:
             word, unit = split_header(label)
         bare_name, stated = split_header(name)
         together = split_header(f"{word} {name}")[0]
-        if (
+        factors = UNITS[_UNIT_OF_KIND.get(bare_name[0], "mm")] if bare_name in NAMES else {}
+        if unit in factors and factors.get(stated, factors[unit]) != factors[unit]:
+            states_unit, name = True, f"{name} [{label}]"  # two units: refused
+        elif (
             len(word) > 1
             and together in NAMES
             and (bare_name == together or bare_name not in NAMES)

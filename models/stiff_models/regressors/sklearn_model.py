@@ -163,19 +163,21 @@ def _regressor_class(key: str, path: str) -> type[BaseEstimator]:
         estimator = None
     if not isinstance(estimator, type):
         raise _unknown(key, name)
-    if not issubclass(estimator, RegressorMixin) or not issubclass(estimator, BaseEstimator):
+    is_estimator = issubclass(estimator, BaseEstimator)
+    parameters = inspect.signature(estimator).parameters.values() if is_estimator else ()
+    for parameter in parameters:
+        if parameter.default is parameter.empty:
+            raise ConfigError(
+                f"{key!r}: sklearn.{path} requires {parameter.name!r}, an object that no option "
+                "can set; write a plugin"
+            )
+    if not is_estimator or not issubclass(estimator, RegressorMixin):
         raise ConfigError(
             f"{key!r}: sklearn.{path} is not a regressor (valid: a scikit-learn class that "
             f"predicts numbers, for example {PREFIX}ensemble.RandomForestRegressor)"
         )
     if _public_path(estimator) != path:
         raise _unknown(key, name)
-    for parameter in inspect.signature(estimator).parameters.values():
-        if parameter.default is parameter.empty:
-            raise ConfigError(
-                f"{key!r}: sklearn.{path} requires {parameter.name!r}, an object that no option "
-                "can set; write a plugin"
-            )
     return estimator
 
 

@@ -172,6 +172,12 @@ def test_a_unit_of_a_label_that_names_no_quantity_is_never_ignored(read):
         read(text)
 
 
+def test_a_unit_of_a_label_that_contradicts_the_columns_own_is_refused(read):
+    labelled = f"Angles [rad],,,,,,{',' * 9}\n{NUMBER_HEADER}\n{NUMBERS}"
+    with pytest.raises(DataError, match=r"q1_deg \[Angles \[rad\]\]"):
+        read(labelled)
+
+
 def test_columns_that_blanks_align_may_have_single_blanks_between_long_names(read):
     rows = [f"{NUMBER_HEADER}".split(","), NUMBERS.split(",")]
     assert_good(read("\n".join(" ".join(f"{cell:>6}" for cell in row) for row in rows)))

@@ -38,10 +38,10 @@ def test_zero_small_and_bad_predictions_are_left_alone(rng, measured):
         (np.full((4, 3), np.inf), "12 values that are not finite"),
         (np.full((4, 3), "0"), "<U1 values"),
         (np.zeros((4, 3), dtype=complex), "complex128"),
+        (np.zeros((4, 3), dtype=int), "int64"),
     ],
 )
 def test_what_is_no_prediction_is_refused(predicted, part):
     with pytest.raises(ModelError, match=part):
         check_prediction(predicted, 4)
-    for dtype in (np.float32, int):
-        check_prediction(np.zeros((4, 3), dtype=dtype), 4)
+    check_prediction(np.zeros((4, 3), dtype=np.float32), 4)
