@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from stiff_apply.expected_error import expected_error
 from stiff_apply.programs.controller_poses import ProgramPoses, controller_of, program_poses
-from stiff_apply.programs.corrected_program import corrected_texts, shared_target_conflicts
-from stiff_apply.programs.corrected_targets import (
+from stiff_apply.programs.corrected_program import (
+    Steps,
     correct_targets,
     corrected_rows,
-    without_rows,
+    corrected_texts,
+    left_rows,
+    shared_targets,
 )
-from stiff_apply.programs.joint_choice import SINGULAR, choose_joints
-from stiff_apply.programs.load_lines import loads_by_line
-from stiff_apply.programs.program_file import RobotProgram, write_texts
-from stiff_apply.programs.program_reader import read_program
+from stiff_apply.programs.joint_choice import choose_joints
+from stiff_apply.programs.languages import read_program
+from stiff_apply.programs.load_lines import loads_by_line, write_loads_template
+from stiff_apply.programs.program import LeftMotion, RobotProgram, write_texts
 from stiff_apply.tool_paths import CorrectedPath
-from stiff_apply.tool_task import LoadFrame, ToolTask, frame_matrix, tool_task
-from stiff_bench.api.model import Model
+from stiff_apply.tool_task import ToolTask, check_word, frame_matrix, tool_task
+from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.console import printable
 from stiff_bench.parameter_types import (
     FilePath,
     Fraction,
-    Frame,
+    Frames,
+    HeldJoints,
     Iterations,
     JointPositions,
     Load,
@@ -37,33 +41,26 @@ from stiff_bench.parameter_types import (
 )
 from stiff_bench.run.progress import display
 from stiff_bench.tables.units import counted
+from stiff_datasets.measured.row_checks import row_ranges
 from stiff_datasets.measured.rows_beyond_training import extrapolation_details
 from stiff_datasets.measured.sample_columns import MM_PER_M
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
-from stiff_protocols.contract.types import BoolArray, FloatArray, TextArray
+from stiff_protocols.contract.files import check_new_file
+from stiff_protocols.contract.stiffness_model import offers
+from stiff_protocols.contract.types import BoolArray, Deflection, FloatArray, TextArray
 from stiff_protocols.paths.compensation import MAX_ITERATIONS, TOLERANCE_M, Compensation
 
 if TYPE_CHECKING:
     from stiff_bench.figures.prepared_figure import Prepared
 
-SHARED = "another motion has this target with another command"
+ProgramLoadFrame = Literal["world", "base", "tool"]
+FRAME_TEXTS = {
+    "world": "world (the controller's world frame)",
+    "base": "base (the program's base frame of each target)",
+    "tool": "tool (the tool frame of each target)",
+}
 MOST_LISTED = 10
-"""Largest number of listed motions or lines in the text."""
-
-
-@dataclass(frozen=True, eq=False)
-class LeftTarget:
-    """A motion that was not corrected.
-
-    Attributes:
-        line: line of the program, from 1.
-        text: statement.
-        reason: reason why it was not corrected.
-    """
-
-    line: int
-    text: str
-    reason: str
+"""Largest number of lines in a note."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +83,7 @@ class CorrectedProgram:
     language: str
     lines: tuple[int, ...]
     path: CorrectedPath
-    left_motions: tuple[LeftTarget, ...]
+    left_motions: tuple[LeftMotion, ...]
     targets: Compensation
     changed_configurations: tuple[int, ...]
     unfit_configurations: tuple[int, ...]
@@ -113,12 +110,7 @@ class CorrectedProgram:
         lines += self.notes
         if self.left_motions:
             lines.append(f"left as they were: {counted(len(self.left_motions), 'motion')}")
-            lines += [
-                f"  line {target.line}: {_short(target.text)}: {target.reason}"
-                for target in self.left_motions[:MOST_LISTED]
-            ]
-            if len(self.left_motions) > MOST_LISTED:
-                lines.append(f"  and {len(self.left_motions) - MOST_LISTED} more")
+            lines += [f"  {text}" for text in _causes(self.left_motions)]
         return lines
 
 
@@ -129,11 +121,15 @@ def compensate_program(
     *,
     load: Load | None = None,
     loads: FilePath | None = None,
-    frame: LoadFrame = "base",
-    tool: Frame | None = None,
-    workpiece: Frame | None = None,
+    loads_template: FilePath | None = None,
+    frame: ProgramLoadFrame = "world",
+    tool: Frames | None = None,
+    workpiece: Frames | None = None,
     start: JointPositions | None = None,
+    hold: HeldJoints | None = None,
+    harmless: Sequence[str] = (),
     strict: bool = False,
+    allow_steps: bool = False,
     tolerance: Tolerance = MM_PER_M * TOLERANCE_M,
     iterations: Iterations = MAX_ITERATIONS,
     coverage: Fraction | None = None,
@@ -151,16 +147,22 @@ def compensate_program(
         output: new file with the same suffix; a .dat is written next to it.
         load: (3,) or (6,) process load at every target, N and N m.
         loads: loads of a program by line: columns line, fx_N, fy_N, fz_N and torques; in place of
-            `load`.
-        frame: frame of the loads: "base" (the controller's base frame) or "tool" (the tool frame of
-            each target).
-        tool: x, y, z [mm], a, b, c [deg] of the tool in the controller's flange frame, for a
-            program without tool data.
-        workpiece: x, y, z [mm], a, b, c [deg] of the base frame in the controller's world frame,
-            for a program without base data.
+            `load`. A load of zero, of an approach, ends a path.
+        loads_template: new table for `loads` with a row for each line with a motion.
+        frame: frame of the loads: "world" (the controller's world frame), "base" (the program's
+            base frame of each target) or "tool" (the tool frame of each target).
+        tool: x, y, z [mm], a, b, c [deg] of a tool in the controller's flange frame, for tools
+            that the program does not hold; several by number or name.
+        workpiece: the same of a base frame in the controller's world frame.
         start: (n_joints,) joint positions of the model's robot near the first target, deg or mm;
             None: the middle of the training poses.
+        hold: position of an external axis that does not move, deg or mm, by its name; base frames
+            are those of the robot there.
+        harmless: routine of another file that changes no frame and no displacement; may be
+            repeated.
         strict: stop if a motion of a program cannot be corrected.
+        allow_steps: write a program although a path steps between corrected and uncorrected
+            targets.
         tolerance: remaining predicted error at which the iteration of a target ends, mm.
         iterations: largest number of predictions per target.
         coverage: coverage (0..1) of the printed intervals, per axis; None: 0.9.
@@ -168,39 +170,39 @@ def compensate_program(
 
     Raises:
         NotFittedError: the model is not fitted.
-        ConfigError: an option is wrong, or a frame or load is missing.
-        DataError: the program cannot be read, belongs to another robot or tool, or has a target
-            that cannot be reached.
-        ModelError: `strict`, and a target cannot be corrected.
+        ConfigError: an option is wrong, or a load is missing.
+        DataError: the program cannot be read, or belongs to another robot or tool.
+        ModelError: no target can be corrected, a path has steps, or `strict` and a motion is left.
         StoreError: a file cannot be written, or exists.
     """
     file, output = Path(program), Path(output)
+    check_word("frame", frame, get_args(ProgramLoadFrame))
     if output.suffix.lower() != file.suffix.lower():
         raise ConfigError(f"{output}: use the extension of {file.name}", "output")
-    source = read_program(file)
+    source = read_program(file, harmless)
     written = (output, *(output.with_suffix(path.suffix) for path in source.paths[1:]))
-    task = tool_task(
-        model,
-        load=load,
-        frame=frame,
-        start=start,
-        coverage=coverage,
-        files=written,
-        figure=figure,
-    )
+    task = tool_task(model, load=load, start=start, coverage=coverage, files=written, figure=figure)
     robot = task.robot
-    poses = program_poses(
-        source,
-        robot,
-        tool=None if tool is None else frame_matrix(tool),
-        workpiece=None if workpiece is None else frame_matrix(workpiece),
-    )
+    if robot.n_joints != 6:
+        raise DataError(
+            f"{file}: only programs of robots with six joints can be corrected; {robot.name} has "
+            f"{robot.n_joints}"
+        )
+    poses = program_poses(source, robot, tools=_frames(tool), workpieces=_frames(workpiece))
+    given = _given_loads(source, task, loads)
+    if loads_template is not None:
+        check_new_file(Path(loads_template))
+        write_loads_template(Path(loads_template), source, given)
+    points = poses.points(robot)
+    notes = _tool_notes(source, model, points)
     with display():
-        position, rotation, q, problem, fits = _joints(source, task, poses)
-        wrench = _wrenches(source, task, poses, rotation, loads)
+        problem = _moved_axes(source, poses.problem, hold or {})
+        position, rotation, q, problem, fits = _joints(source, task, poses, points, problem)
+        wrench, problem = _wrenches(source, task, poses, rotation, given, frame, problem)
         targets = correct_targets(
-            model.predict_at_tcp,
+            partial(_prediction, model),
             robot,
+            points[source.frame_index],
             position,
             rotation,
             q,
@@ -209,21 +211,15 @@ def compensate_program(
             tolerance_m=tolerance / MM_PER_M,
             max_iterations=iterations,
         )
-        conflicts = shared_target_conflicts(source, targets)
-        targets = without_rows(targets, conflicts, SHARED)
-        left_targets = _left_targets(source, targets.problem.tolist())
-        if left_targets and strict:
-            first = left_targets[0]
-            raise ModelError(
-                f"{file}, line {first.line}: {_short(first.text)}: {first.reason} (strict: "
-                f"{counted(len(left_targets), 'motion')} cannot be corrected)"
-            )
-        if not targets.converged.any():
-            raise ModelError(f"{file}: none of {counted(len(source), 'target')} can be corrected")
+        is_loaded = (np.nan_to_num(given, nan=1.0) != 0.0).any(axis=1)
+        targets, reasons = left_rows(source, targets, is_loaded)
+        left_motions = _check_left_motions(source, reasons, is_loaded, strict, allow_steps)
         texts, changed = corrected_texts(source, robot, poses, targets, q)
         done = targets.converged
-        commanded_q, acting = targets.q[done], wrench[done]
-        training_range = model.training_range
+        levers = points[source.frame_index[done]] - robot.tcp
+        acting = wrench[done].copy()
+        acting[:, 3:] += np.cross(np.einsum("nij,nj->ni", rotation[done], levers), acting[:, :3])
+        commanded_q, training_range = targets.q[done], model.training_range
         words = training_range.extrapolates(commanded_q, acting)
         path = CorrectedPath(
             output.stem,
@@ -232,8 +228,7 @@ def compensate_program(
             words,
             extrapolation_details(training_range, robot, commanded_q, acting, words),
         )
-        write_texts(written, texts)
-    notes = []
+        write_texts(written, texts[: len(written)])
     if robot.controller is None:
         notes.append(
             f"{robot.name} has no <controller> in its URDF: joint angles and frames of the program "
@@ -241,12 +236,13 @@ def compensate_program(
         )
     if not wrench.any():
         notes.append("all loads are zero, so there is nothing to correct")
+    notes.append(f"frame of the loads: {FRAME_TEXTS[frame]}")
     corrected = CorrectedProgram(
         files=written,
         language=source.language.name,
         lines=tuple(source.lines.tolist()),
         path=path,
-        left_motions=left_targets,
+        left_motions=left_motions,
         targets=targets,
         changed_configurations=tuple(source.lines[changed].tolist()),
         unfit_configurations=tuple(source.lines[~fits].tolist()),
@@ -257,37 +253,104 @@ def compensate_program(
     return corrected
 
 
+def _frames(given: Any) -> dict[str, FloatArray]:
+    """Return (4, 4) poses by number or name; "" for a frame without one."""
+    frames = given if isinstance(given, Mapping) else {} if given is None else {"": given}
+    return {str(name): frame_matrix(frame) for name, frame in frames.items()}
+
+
+def _prediction(model: Model, point: FloatArray) -> Deflection:
+    """Return the function that predicts deflections at a (3,) point of the last joint's frame."""
+    if np.array_equal(point, model.fitted.robot_.tcp):
+        return model.predict_at_tcp
+
+    def predict(q: FloatArray, wrench: FloatArray) -> FloatArray:
+        with wrap_model_errors(model.file):
+            return np.asarray(model.fitted.predict_at_point(q, wrench, point))
+
+    return predict
+
+
+def _tool_notes(source: RobotProgram, model: Model, points: FloatArray) -> list[str]:
+    """Return notes on the program's own tools; DataError if the model cannot predict there."""
+    robot, notes = model.fitted.robot_, dict[str, None]()
+    to_flange = np.linalg.inv(robot.flange @ controller_of(robot).flange)
+    for index in dict.fromkeys(source.frame_index.tolist()):
+        if np.isnan(points[index]).any() or np.array_equal(points[index], robot.tcp):
+            continue
+        own, measured = (
+            ",".join(f"{number:g}" for number in (place[:3] * MM_PER_M).round(3) + 0.0)
+            for place in (to_flange @ np.r_[point, 1.0] for point in (points[index], robot.tcp))
+        )
+        name = source.frames[index][1].name
+        if not offers(model.fitted, "predict_at_point"):
+            row = int(np.argmax(source.frame_index == index))
+            raise DataError(
+                f"{source.place(row)}: tool {name} has its TCP at {own} mm in the flange frame "
+                f"(valid: {measured} mm: {model.name} learned deflections of this TCP only; "
+                "spring models such as vjm predict at every TCP)"
+            )
+        notes[
+            f"tool {name}: its TCP is at {own} mm in the flange frame, measured was the one at "
+            f"{measured} mm: the springs predict there, with an error that grows with the lever"
+        ] = None
+    return [*notes]
+
+
+def _moved_axes(
+    source: RobotProgram, problem: TextArray, hold: Mapping[str, float | None]
+) -> TextArray:
+    """Return problems, with those of external axes that move or stand at an unknown place."""
+    names, problem = source.language.external_names, problem.astype(object)
+    places = {name.lower(): column for column, name in enumerate(names)}
+    held = {}
+    for name, value in hold.items():
+        if name.lower() not in places or value is None:
+            valid = ", ".join(f"{axis}=VALUE" for axis in names) or "no external axes"
+            raise ConfigError(f"{name} (valid: {valid})", "hold")
+        held[places[name.lower()]] = value
+    for column, name in enumerate(names):
+        axis = np.nan_to_num(source.external[:, column])
+        if not axis.any() and column not in held:
+            continue
+        wrong = axis != held.get(column, np.nan)
+        valid = f"--hold {name}={held.get(column, axis.max()):g} corrects the targets there"
+        for row in np.flatnonzero(wrong & (problem == "")).tolist():
+            problem[row] = f"external axis {name} is at {axis[row]:g} ({valid})"
+    return problem.astype(str)
+
+
 def _joints(
-    source: RobotProgram, task: ToolTask, poses: ProgramPoses
+    source: RobotProgram,
+    task: ToolTask,
+    poses: ProgramPoses,
+    points: FloatArray,
+    problem: TextArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, TextArray, BoolArray]:
     """Return position, rotation, joints, problems and configuration fits of the targets."""
     robot = task.robot
-    if robot.n_joints != 6:
-        raise DataError(
-            f"{source.paths[0]}: only programs of robots with six joints can be corrected; "
-            f"{robot.name} has {robot.n_joints}"
-        )
     near = task.near if task.start is None else task.start
-    chosen = choose_joints(source, robot, poses.position, poses.rotation, poses.q, near)
-    wrong = np.flatnonzero(
-        (chosen.problem != "")
-        & ~source.has_joints
-        & ((chosen.problem != SINGULAR) | source.is_linear)
-    )
-    if len(wrong):
-        row = int(wrong[0])
-        count = source.language.n_turns + 3
-        pose = ",".join(f"{value:g}" for value in source.values[row, :count])
-        valid = chosen.possible.get(row, f"a pose that {robot.name} reaches")
-        raise DataError(
-            f"{source.place(row)}: target {pose}: {chosen.problem[row]} ({valid}); "
-            f"{counted(len(wrong), 'target')} like this"
-        )
+    lever = points[source.frame_index] - robot.tcp
+    of_robot = poses.position - np.einsum("nij,nj->ni", poses.rotation, lever)
+    chosen = choose_joints(source, robot, of_robot, poses.rotation, poses.q, near, problem)
     position, rotation = poses.position.copy(), poses.rotation.copy()
     joints = np.flatnonzero(source.has_joints)
     stands = robot.forward(chosen.q[joints])
-    position[joints], rotation[joints] = stands.points[:, -1], stands.rotation
+    rotation[joints] = stands.rotation
+    position[joints] = stands.points[:, -1] + np.einsum(
+        "nij,nj->ni", stands.rotation, lever[joints]
+    )
     return position, rotation, chosen.q, chosen.problem, chosen.config_fits
+
+
+def _given_loads(source: RobotProgram, task: ToolTask, loads: Path | str | None) -> FloatArray:
+    """Return (n_motions, 6) loads as they are given, N and N m; NaN for lines without one."""
+    if (task.load is None) == (loads is None):
+        valid = "valid: fx,fy,fz[,tx,ty,tz] in N and N m, or a file of loads by line"
+        raise ConfigError(f"needed once, for {counted(len(source), 'target')} ({valid})", "load")
+    if loads is not None:
+        return loads_by_line(Path(loads), source)
+    return np.tile(np.asarray(task.load), (len(source.motions), 1))
 
 
 def _wrenches(
@@ -295,40 +358,84 @@ def _wrenches(
     task: ToolTask,
     poses: ProgramPoses,
     rotation: FloatArray,
-    loads: Path | str | None,
-) -> FloatArray:
-    """Return (n, 6) loads in the description's base frame, N and N m."""
-    if (task.load is None) == (loads is None):
-        valid = "valid: fx,fy,fz[,tx,ty,tz] in N and N m, or a file of loads by line"
-        raise ConfigError(f"needed once, for {counted(len(source), 'target')} ({valid})", "load")
-    if loads is None:
-        given = np.tile(np.asarray(task.load), (len(source), 1))
-    else:
-        given = loads_by_line(Path(loads), source)
+    given: FloatArray,
+    frame: str,
+    problem: TextArray,
+) -> tuple[FloatArray, TextArray]:
+    """Return (n, 6) loads in the description's base frame, N and N m, and the problems."""
     turn = np.broadcast_to(controller_of(task.robot).world[:3, :3], (len(source), 3, 3))
-    if task.frame == "tool":
+    if frame == "tool":
         turn = rotation @ poses.tools[source.frame_index][:, :3, :3]
-    turned = np.einsum("nij,nkj->nki", turn, given.reshape(-1, 2, 3))
-    return np.asarray(turned.reshape(-1, 6))
+    elif frame == "base":
+        turn = poses.bases[source.frame_index][:, :3, :3]
+    load = given[source.motion].reshape(-1, 2, 3)
+    wrench = np.einsum("nij,nkj->nki", turn, load).reshape(-1, 6)
+    wrench[~load.any(axis=(1, 2))] = 0.0
+    is_unknown = np.isnan(wrench).any(axis=1)
+    unknown = f"the {frame} frame of the load is not known"
+    problem = np.where(is_unknown & (problem == ""), unknown, problem)
+    return np.nan_to_num(wrench), problem
 
 
-def _left_targets(source: RobotProgram, reasons: Sequence[str]) -> tuple[LeftTarget, ...]:
-    """Return the motions that were not corrected, in the order of the program."""
-    text = source.texts[0]
-    left_targets = [
-        LeftTarget(source.line(motion.start), motion.text, motion.reason)
-        for motion in source.left_motions
+def _check_left_motions(
+    source: RobotProgram,
+    reasons: Mapping[int, str],
+    is_loaded: BoolArray,
+    strict: bool,
+    allow_steps: bool,
+) -> tuple[LeftMotion, ...]:
+    """Return the motions that are left.
+
+    Raises:
+        ModelError: all are left, or `strict`; or not `allow_steps`, and a path has a step.
+    """
+    file, numbers = source.paths[0], np.arange(len(source.motions))
+    is_corrected = np.isin(numbers, source.motion) & ~np.isin(numbers, [*reasons])
+    shared = shared_targets(source, is_corrected)
+    texts = dict(reasons)
+    for left, corrected in shared.items():
+        texts[left] = f"{reasons[left]}; moves with line {source.motion_lines[corrected]}"
+    left_motions = tuple(source.left_motion(index, texts[index]) for index in sorted(texts))
+    if left_motions and strict:
+        first = left_motions[0]
+        raise ModelError(
+            f"{file}, line {first.line}: {_short(first.text)}: {first.reason} (strict: "
+            f"{counted(len(left_motions), 'motion')} cannot be corrected)"
+        )
+    if not is_corrected.any():
+        raise ModelError(f"{file}: no motion can be corrected: {'; '.join(_causes(left_motions))}")
+    steps = Steps(source, is_corrected, is_loaded).steps
+    steps |= {
+        (corrected, left)
+        for left, corrected in shared.items()
+        if is_loaded[left] and source.motions[left].kind != "joint"
+    }
+    if steps and not allow_steps:
+        corrected, left = min(steps, key=max)
+        motion = source.left_motion(left, texts[left])
+        more = f", and {counted(len(steps) - 1, 'step')} more" if len(steps) > 1 else ""
+        raise ModelError(
+            f"{file}: step in the path: line {source.motion_lines[corrected]} is corrected, line "
+            f"{motion.line} is not: {_short(motion.text)}: {motion.reason}{more}. Left: "
+            f"{'; '.join(_causes(left_motions))} (valid: a load of zero there, or --allow-steps)"
+        )
+    return left_motions
+
+
+def _causes(left_motions: Sequence[LeftMotion]) -> list[str]:
+    """Return a text per reason, with all lines."""
+    by_reason: dict[str, list[LeftMotion]] = {}
+    for motion in left_motions:
+        by_reason.setdefault(motion.reason, []).append(motion)
+    return [
+        f"line{'s' * (len(motions) > 1)} {row_ranges([motion.line for motion in motions], None)}: "
+        f"{_short(motions[0].text)}: {reason}"
+        for reason, motions in by_reason.items()
     ]
-    for row, reason in enumerate(reasons):
-        if reason:
-            start, end = source.statements[row]
-            left_targets.append(LeftTarget(int(source.lines[row]), text[start:end], reason))
-    return tuple(sorted(left_targets, key=lambda target: target.line))
 
 
 def _short(text: str) -> str:
-    words = " ".join(text.split())
-    return words if len(words) <= 50 else words[:47] + "..."
+    return text if len(text) <= 50 else text[:47] + "..."
 
 
 def _listed(texts: Sequence[str]) -> str:

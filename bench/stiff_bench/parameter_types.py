@@ -83,6 +83,14 @@ def _joint_value(word: str) -> tuple[str, float | None]:
     return name, value
 
 
+def _named_frame(word: str) -> tuple[str, tuple[float, ...]]:
+    name, equals, text = word.rpartition("=")
+    values = tuple(map(float, text.split(",")))
+    if bool(name) != bool(equals) or len(values) != 6 or not all(map(math.isfinite, values)):
+        raise ValueError
+    return name, values
+
+
 def _size(word: str) -> int:
     from pydantic import ByteSize, TypeAdapter
 
@@ -110,6 +118,15 @@ Frame = Annotated[
     Sequence[float],
     numbers("X,Y,Z,A,B,C", "six finite numbers, x,y,z in mm and a,b,c in deg", [6]),
 ]
+Frames = Annotated[
+    Mapping[str, Sequence[float]],
+    Form(
+        "[NAME=]X,Y,Z,A,B,C",
+        "six finite numbers, x,y,z in mm and a,b,c in deg; 2=x,y,z,a,b,c for frame 2",
+        _named_frame,
+    ),
+]
+"""mm and deg by number or name of a frame of a program; "": a frame without a name."""
 Load = Annotated[
     Sequence[float],
     numbers(

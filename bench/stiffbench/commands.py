@@ -34,6 +34,7 @@ from stiff_bench.parameter_types import (
     FilePath,
     Folder,
     Form,
+    Frames,
     Picture,
     Seed,
     Setting,
@@ -140,6 +141,9 @@ def _compensate(
     output: FilePath,
     path: FilePath | None = None,
     program: FilePath | None = None,
+    tool: Frames | None = None,
+    workpiece: Frames | None = None,
+    frame: Literal["world", "base", "tool"] | None = None,
     **options: Any,
 ) -> str:
     if (path is None) == (program is None):
@@ -148,6 +152,12 @@ def _compensate(
     compensate = sb.compensate_path if program is None else sb.compensate_program
     for name in options.keys() - inspect.signature(compensate).parameters.keys():
         raise ConfigError(f"does not go with --{kind}", name.replace("_", "-"))
+    given = {"tool": tool, "workpiece": workpiece, "frame": frame}
+    options |= {name: value for name, value in given.items() if value is not None}
+    for name in ("tool", "workpiece") if path is not None else ():
+        if name in options and [*options[name]] != [""]:
+            raise ConfigError("needed once, as x,y,z,a,b,c, for a path", name)
+        options |= {name: options[name][""]} if name in options else {}
     warnings.filterwarnings("ignore", r".* beyond the training range")  # printed below
     corrected = compensate(model, path or program or "", output, **options)
     files = ", ".join(map(str, getattr(corrected, "files", (output,))))

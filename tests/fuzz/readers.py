@@ -17,7 +17,7 @@ from helpers.robot_programs import DOCS, ROBOTS
 from helpers.run_requests import planned
 from helpers.shipped_descriptors import FOLDER
 from stiff_apply.programs.controller_poses import program_poses
-from stiff_apply.programs.program_reader import read_program
+from stiff_apply.programs.languages import read_program
 from stiff_apply.tool_task import frame_matrix
 from stiff_bench.api.model import load_model
 from stiff_bench.paper.study_file import read_study
@@ -151,11 +151,12 @@ def _program(folder: Path, name: str) -> PreparedReader:
     path.write_bytes(valid)
     robot = named_robot(ROBOTS[name]).robot()
     n_targets = len(read_program(path))
-    tool = frame_matrix((-16.0, -51.0, 71.0, 0.0, 0.0, 0.0)) if name.endswith(".ls") else None
+    tool = frame_matrix((-16.0, -51.0, 71.0, 0.0, 0.0, 0.0))
+    tools = {"": tool} if name.endswith(".ls") else {}
 
     def read(path: Path) -> object:
         program = read_program(path)
-        poses = program_poses(program, robot, tool=tool)
+        poses = program_poses(program, robot, tools=tools, workpieces={})
         if len(program) != n_targets or not np.isfinite(program.values[:, :6]).all():
             raise DataError(f"{path}: other targets")
         return poses

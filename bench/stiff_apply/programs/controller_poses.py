@@ -6,17 +6,22 @@ joint's frame in the description's base frame, and a point of the tool, the TCP.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_apply.programs.program_file import Frame, Language, RobotProgram
+from stiff_apply.programs.flow import Frame
+from stiff_apply.programs.program import Language, RobotProgram
 from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import ConfigError, DataError
-from stiff_protocols.contract.types import FloatArray, Robot
+from stiff_protocols.contract.types import FloatArray, Robot, TextArray
 
 TCP_TOLERANCE_M = 1e-4
 """m between a program's tool centre point and the model's; controllers round to 0.001 mm."""
+Frames = Mapping[str, FloatArray]
+"""Number or name of a frame, "" for the only one that a program does not hold -> (4, 4) pose, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,11 +29,13 @@ class ProgramPoses:
     """Targets as a robot's poses.
 
     Attributes:
-        position: (n, 3) TCP, description's base frame, m; NaN for joint angles.
+        position: (n, 3) TCP of the program, description's base frame, m; NaN for joint angles.
         rotation: (n, 3, 3) orientation of the last joint's frame; NaN for joint angles.
         q: (n, n_joints) joint positions of the description, rad or m; NaN for poses.
-        bases: (n_frames, 4, 4) the program's base frames in the description's base frame, m.
-        tools: (n_frames, 4, 4) its tool frames in the last joint's frame, m.
+        bases: (n_frames, 4, 4) the program's base frames in the description's base frame, m; NaN
+            for frames that are not known.
+        tools: (n_frames, 4, 4) its tool frames in the last joint's frame, m; likewise.
+        problem: (n,) why the pose is not known; "" if it is.
     """
 
     position: FloatArray
@@ -36,6 +43,13 @@ class ProgramPoses:
     q: FloatArray
     bases: FloatArray
     tools: FloatArray
+    problem: TextArray
+
+    def points(self, robot: Robot) -> FloatArray:
+        """Return (n_frames, 3) TCPs in the last joint's frame, m; the robot's if they are equal."""
+        points = self.tools[:, :3, 3]
+        is_same = np.abs(points - robot.tcp).max(axis=1) <= TCP_TOLERANCE_M
+        return np.where(is_same[:, None], robot.tcp, points)
 
 
 def controller_of(robot: Robot) -> Controller:
@@ -52,42 +66,26 @@ def frame_pose(frame: Frame, language: Language) -> FloatArray:
 
 
 def program_poses(
-    program: RobotProgram,
-    robot: Robot,
-    *,
-    tool: FloatArray | None = None,
-    workpiece: FloatArray | None = None,
+    program: RobotProgram, robot: Robot, *, tools: Frames, workpieces: Frames
 ) -> ProgramPoses:
     """Return a program's targets as poses and joint positions of a robot.
 
     Args:
         program: the targets.
         robot: robot of the model.
-        tool: (4, 4) tool in the controller's flange frame, m, for programs without this frame.
-        workpiece: (4, 4) base frame in the controller's world frame, m, likewise.
+        tools: tool frames in the controller's flange frame, for frames not in the program.
+        workpieces: base frames in the controller's world frame, likewise.
 
     Raises:
-        ConfigError: a frame is needed and not given, or given although the program contains it.
-        DataError: the program's tool is not the model's, or the joints differ.
+        ConfigError: a given frame is not used, or one frame is given for several.
+        DataError: the joints of robot and program differ.
     """
     controller, language, n = controller_of(robot), program.language, len(program)
-    bases, tools = _frames(program, tool, workpiece)
+    problem = np.full(n, "", dtype=object)
+    bases = _poses(program, 0, "workpiece", workpieces, problem)
+    tool_poses = _poses(program, 1, "tool", tools, problem)
     flange = robot.flange @ controller.flange  # the controller's flange in the last joint's frame
-    lever = np.linalg.inv(flange) @ np.r_[robot.tcp, 1.0]
-    used = {*program.frame_index.tolist()}
-    for index in used:
-        tcp_distance = np.abs(tools[index][:3, 3] - lever[:3]).max()
-        if tcp_distance > TCP_TOLERANCE_M:
-            row = int(np.argmax(program.frame_index == index))
-            text = ",".join(f"{number:g}" for number in (tools[index][:3, 3] * 1e3).round(3) + 0.0)
-            valid = ",".join(f"{number:g}" for number in (lever[:3] * 1e3).round(3) + 0.0)
-            raise DataError(
-                f"{program.place(row)}: tool {program.frames[index][1].name} has its TCP at {text} "
-                f"mm in the flange frame (valid: {valid} mm, the TCP at which the model predicts "
-                f"deflections of {robot.name}; for another tool, fit a model with its --tcp)"
-            )
-    base_frames = np.stack([controller.world @ pose for pose in bases])
-    tool_frames = np.stack([flange @ pose for pose in tools])
+    base_frames, tool_frames = controller.world @ bases, flange @ tool_poses
     position, rotation = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
     q = np.full((n, robot.n_joints), np.nan)
     poses, joints = np.flatnonzero(~program.has_joints), np.flatnonzero(program.has_joints)
@@ -107,7 +105,7 @@ def program_poses(
         turn, tool_turn = base_frames[index, :3, :3], tool_frames[index, :3, :3]
         position[poses] = np.einsum("nij,nj->ni", turn, lengths) + base_frames[index, :3, 3]
         rotation[poses] = turn @ language.to_rotations(turns) @ tool_turn.transpose(0, 2, 1)
-    return ProgramPoses(position, rotation, q, base_frames, tool_frames)
+    return ProgramPoses(position, rotation, q, base_frames, tool_frames, problem.astype(str))
 
 
 def lengths_in_base(language: Language, base: FloatArray, position: FloatArray) -> FloatArray:
@@ -123,43 +121,41 @@ def lengths_in_base(language: Language, base: FloatArray, position: FloatArray) 
     return np.asarray(lengths / language.metres)
 
 
-def _frames(
-    program: RobotProgram, tool: FloatArray | None, workpiece: FloatArray | None
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the (4, 4) base and tool of each pair of frames, m."""
-    poses = []
-    for side, (option, given_frame, frame_name) in enumerate(
-        (("workpiece", workpiece, "base frame"), ("tool", tool, "tool frame"))
-    ):
-        side_poses, unknown = [], dict[str, int]()
-        for index, pair in enumerate(program.frames):
-            frame, rows = pair[side], program.frame_index == index
-            rows = rows if side else rows & ~program.has_joints  # joint angles need no base
-            if frame.values or not rows.any():
-                values = frame_pose(frame, program.language) if frame.values else np.eye(4)
-                side_poses.append(values)
-                continue
-            unknown.setdefault(frame.name, int(np.argmax(rows)))
-            side_poses.append(np.eye(4) if given_frame is None else given_frame)
-        if unknown and given_frame is None:
-            name, row = next(iter(unknown.items()))
-            raise ConfigError(
-                f"{program.place(row)}: the program does not hold the {frame_name} {name} (valid: "
-                "x,y,z,a,b,c in mm and deg, KUKA's angles)",
-                option,
+def _poses(
+    program: RobotProgram, side: int, option: str, given: Frames, problem: TextArray
+) -> FloatArray:
+    """Return (n_frames, 4, 4) bases (side 0) or tools (1), m; note the problems of targets."""
+    poses = np.full((len(program.frames), 4, 4), np.nan)
+    used, plain, held = set[str](), dict[str, int](), ""
+    for index, pair in enumerate(program.frames):
+        frame, rows = pair[side], program.frame_index == index
+        if side == 0:
+            rows &= ~program.has_joints  # joint angles need no base
+        number = re.search(r"\[(\d+)\]", frame.name)
+        names = [frame.name, frame.name.lower(), *([number[1]] if number else [])]
+        name = next((name for name in names if name in given), "" if "" in given else None)
+        if frame.values:
+            poses[index] = frame_pose(frame, program.language)
+            held = held or frame.name
+        elif name is not None:
+            poses[index] = given[name]
+            used |= {name} if rows.any() else set()
+            if name == "" and rows.any():
+                plain.setdefault(frame.name, int(np.argmax(rows)))
+        elif rows.any():
+            key = f"{number[1]}=" if number else f"{frame.name}=" if frame.name[0] != "$" else ""
+            problem[rows & (problem == "")] = (
+                f"{frame.name} is in the controller (give --{option} {key}x,y,z,a,b,c)"
             )
-        if len(unknown) > 1:
-            (first, _), (second, row) = [*unknown.items()][:2]
-            raise ConfigError(
-                f"{program.place(row)}: {second} is another {frame_name} than {first} before "
-                "(valid: one frame that the program does not hold)",
-                option,
-            )
-        if given_frame is not None and not unknown:
-            raise ConfigError(
-                f"the program holds its {frame_name} {program.frames[0][side].name} "
-                f"(valid: no {option})",
-                option,
-            )
-        poses.append(side_poses)
-    return poses[0], poses[1]
+    if len(plain) > 1:
+        (first, _), (second, row) = [*plain.items()][:2]
+        raise ConfigError(
+            f"{program.place(row)}: {second} is another frame than {first} before (valid: "
+            "NAME=x,y,z,a,b,c for each)",
+            option,
+        )
+    if (unused := given.keys() - used) and not any(program.reasons):
+        name = min(unused)
+        cause = f"the program holds {held}" if held else "no target needs this frame"
+        raise ConfigError(f"{name or 'x,y,z,a,b,c'}: {cause} (valid: no {option})", option)
+    return poses

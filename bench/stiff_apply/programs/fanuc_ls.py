@@ -10,166 +10,232 @@ an M-20iD/25 (GitHub LeroyDu56/robconv), which was checked by hand.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any
 
 import numpy as np
-from lark import Token, Tree
 
-from stiff_apply.programs.program_file import (
+from stiff_apply.programs.flow import LAST, Frame, Jump, Routine, Setting, Unknown, Value
+from stiff_apply.programs.program import (
     NEAR_ZERO,
     NO_FRAME,
-    Frame,
+    Goal,
     Language,
-    LeftMotion,
-    Number,
-    StatementError,
-    Target,
+    Motion,
+    Reading,
 )
-from stiff_apply.programs.statements import number_of, parsed_statement, part_place
+from stiff_apply.programs.statements import Names, Number
 from stiff_datasets.measured.rotations import euler_rotations
 from stiff_protocols.contract.types import FloatArray
 
-GRAMMAR = r"""
-start: motion | position
-motion: LETTER goal REST?
-goal: NAME "[" INDEX (":" TEXT?)? "]"
-position: NAME "[" INDEX (":" TEXT?)? "]" "{" group+ "}"
-group: "GP" INDEX ":" field ("," field)*
-field: FRAME ":" INDEX | "CONFIG" ":" CONFIG | AXIS "=" (NUMBER | UNKNOWN) UNIT
-
-LETTER.2: /[LJCAS](?=\s)/
-NAME.2: /PR|P/
-FRAME.2: /UF|UT/
-AXIS.2: /[XYZWPR]|[JE]\d/
-INDEX.1: /\d+|F/
-TEXT: /"[^"]*"|[^\]"]+/
-CONFIG.2: /'[^']*'/
-NUMBER.2: /[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?/i
-UNKNOWN: /\*+/
-UNIT.2: /mm|deg/
-REST: /[^;]+/
-%ignore /\s+/
-"""
-MOTION = re.compile(
-    r"^[ \t]*\d*[ \t]*:[ \t]*(?P<text>(?P<motion>[LJCAS])[ \t]+(?:P|PR)[ \t]*\[[^;]*)(?=;)"
-    r"|^[ \t]*\d*[ \t]*:[ \t]*(?P<flow>IF|SELECT|JMP|LBL|CALL|RUN|FOR|ENDFOR|ELSE|ENDIF|SKIP)\b",
+SECTION = re.compile(r"^/(MN|POS|END)\b", re.MULTILINE)
+STATEMENT = re.compile(
+    r"^[ \t]*\d*[ \t]*:?[ \t]*(?:(?:!|--|//)[^\r\n]*|(?P<text>[^\s;][^;]*?)?\s*;)", re.MULTILINE
+)
+POINT = r"@?(PR|P)\s*\[((?:[^\[\]]|\[[^\]]*\])*)\]"
+MOTION = re.compile(rf"(?P<letter>[LJCAS])\s+{POINT}(?:\s*:?\s*{POINT})?(?P<rest>.*)", re.DOTALL)
+NUMBERED = re.compile(r"\s*(\d+)\s*(?::.*)?", re.DOTALL)
+INDEX = r"\[[^\]]*\]"
+OPTION = re.compile(
+    rf"[\s,:]*(?:(?:\d+\.?\d*|\.\d+|A?R{INDEX}|max_speed|WELD_SPEED)\s*"
+    r"(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|FINE|(?:CNT|CR|CD|ACC|EV)\s*(?:\d+%?|A?R"
+    rf"{INDEX})|Wjnt|PTH|MROT|BREAK|Skip\s*,\s*LBL{INDEX}|(?:Arc|Weave)\s+(?:Start|End|Sine|Circle"
+    rf"|Figure 8)\s*(?:{INDEX})?|(?:TB|TA|DB|TIME\s+BEFORE|TIME\s+AFTER|DISTANCE\s+BEFORE)\s*"
+    r"[-+\d.]+\s*(?:sec|mm)?\s*,\s*(?:P-SPS|POINT_LOGIC|CALL\s+\w+(?:\([^)]*\))?|\w+\[[^\]]*\]"
+    r"=[^\s,]+))(?![\w.])",
+    re.IGNORECASE,
+)
+POSITION = re.compile(
+    r"^[ \t]*P[ \t]*\[\s*(\d+)\s*(?::\s*(?:\"[^\"]*\"|[^\]]*))?\s*\]\s*\{(?P<groups>[^}]*)\}",
     re.MULTILINE,
 )
-POSITION = re.compile(r"^[ \t]*(?P<text>P[ \t]*\[[^\]]*\][ \t]*\{[^}]*\})", re.MULTILINE)
+GROUP = re.compile(r"GP(\d+)\s*:((?:(?!GP\d+\s*:).)*)", re.DOTALL)
+FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
+AXIS = re.compile(
+    r"\b([XYZWPR]|[JE]\d)\s*=\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)\s*(?:mm|deg)",
+    re.IGNORECASE,
+)
+CONFIG = re.compile(r"CONFIG\s*:\s*'([^']*)'")
+HARMLESS = re.compile(
+    r"(?:-+$|A?R\[|PR\[|SR\[|F\[|DO\[|RO\[|GO\[|AO\[|SO\[|UO\[|WO\[|FLG|TIMER|OVERRIDE|WAIT|MESSAGE"
+    r"|UALM|PAUSE|PAYLOAD|COL (?:DETECT|GUARD)|SKIP\s+CONDITION|(?:TOOL_)?OFFSET\s+CONDITION"
+    r"|VOFFSET\s+CONDITION|LOCK|UNLOCK|MONITOR|JOINT_MAX_SPEED|LINEAR_MAX_SPEED|Arc\s|Weave\s|RSR"
+    r"|MAX_SPEED|STICK_DETECT|\$WAITTMOUT|\$PRIORITY|LINE_COUNT|PULSE)",
+    re.IGNORECASE,
+)
 POSE = ("X", "Y", "Z", "W", "P", "R")
 JOINTS = ("J1", "J2", "J3", "J4", "J5", "J6")
-VALID = "P[1]{ GP1: UF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0', X = 0.000 mm, .. R = 0.000 deg };"
-MOVED = re.compile(r"\b(Offset|Tool_Offset|INC|VOFFSET)\b", re.IGNORECASE)
+EXTERNAL = ("E1", "E2", "E3", "GP2 J1", "GP2 J2", "GP2 J3")
+STATE: dict[str, Any] = {
+    **{LAST: None, "other": "", "frame number": None, "tool number": None},
+    **{"frame": Frame("UF[F]"), "tool": Frame("UT[F]")},
+}
 SHAPES = {"F": 1.0, "N": 0.0, "U": 1.0, "D": 0.0, "T": 1.0, "B": 0.0}
 """Letter of CONFIG -> number of the configuration."""
 
 
-def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
-    """Yield the motions of a program."""
-    (text,) = texts
-    body = text.find("/POS")
-    positions = dict(_positions(text, max(body, 0)))
-    follows = False
-    for match in MOTION.finditer(text, 0, body if body >= 0 else len(text)):
-        if match["flow"]:
-            follows = False
-            continue
-        for motion in _motions(match["motion"], match["text"], match.start("text"), positions):
-            if isinstance(motion, LeftMotion):
-                follows &= "helper" in motion.reason
-                yield motion
-            else:
-                yield motion._replace(follows=follows)
-                follows = True
+def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
+    """Read the motions of a program."""
+    text = texts[0]
+    sections = {match[1]: match for match in SECTION.finditer(text)}
+    begin = sections["MN"].end() if "MN" in sections else 0
+    end = sections["POS"].start() if "POS" in sections else len(text)
+    positions = {int(match[1]): match for match in POSITION.finditer(text, end)}
+    assigned = {int(number) for number in re.findall(r":\s*P\[\s*(\d+)[^\]]*\]\s*=", text[:end])}
+    labels = re.findall(r":\s*LBL\[\s*(\d+)", text[begin:end])
+    routine = Routine("", entry="file")
+    reader = _Reader(positions, assigned, labels, {name.lower() for name in harmless})
+    for match in STATEMENT.finditer(text, begin, end):
+        if match["text"]:
+            routine.items += reader.items(match["text"], match.start("text"))
+    state = dict(STATE)
+    if re.search(r"LINE_TRACK_SCHEDULE_NUMBER\s*:\s*[1-9]", text[:begin]):
+        state["other"] = Unknown("the program follows a conveyor: LINE_TRACK")
+    return Reading({"": routine}, Names(), state)
 
 
-def _positions(text: str, start: int) -> Iterator[tuple[str, tuple[Tree[Token], int]]]:
-    """Yield the numbers of positions, each with the fields of its first group."""
-    for match in POSITION.finditer(text, start):
-        place = match.start("text")
-        tree = parsed_statement(GRAMMAR, match["text"], place, VALID)
-        groups = [*tree.find_data("group")]
-        first = next((group for group in groups if group.children[0] == "1"), groups[0])
-        yield str(tree.children[1]), (first, place)
+class _Reader:
+    """Reads statements."""
 
+    def __init__(
+        self,
+        positions: dict[int, re.Match[str]],
+        assigned: set[int],
+        labels: Sequence[str],
+        harmless: set[str],
+    ) -> None:
+        self.positions, self.assigned, self.labels = positions, assigned, labels
+        self.harmless = harmless
 
-def _motions(
-    letter: str, text: str, start: int, positions: Mapping[str, tuple[Tree[Token], int]]
-) -> Iterator[Target | LeftMotion]:
-    """Yield the helper point and the target of a motion."""
-    statement = text.strip()
-    if letter == "A":
-        yield LeftMotion(start, statement, "arc motion (its points are also helper points)")
-        return
-    if letter == "C":
-        yield LeftMotion(start, statement, "helper point of a circular motion")
-        points = [*re.finditer(r":[ \t]*(P[ \t]*\[[^\]]*\])", text)]
-        if not points:
-            raise StatementError(
-                start, statement, "C P[1] and, in the next line, : P[2] 100mm/sec FINE"
+    def items(self, text: str, start: int) -> Iterator[Any]:
+        """Yield the items of a statement."""
+        unknown = Unknown(f"not read: {' '.join(text.split())[:50]}")
+        word = re.match(r"\w*", text)[0].upper()  # type: ignore[index]
+        if match := MOTION.fullmatch(text):
+            yield self._motion(match, start)
+            if label := re.search(r"Skip\s*,\s*LBL\[\s*(\d+)", match["rest"], re.IGNORECASE):
+                yield Jump("branch", label[1])
+        elif re.match(r"(IF\b.*\bTHEN|ELSE|ENDIF|ENDFOR|END|ABORT)\s*$", text, re.DOTALL):
+            words = {"END": "return", "ABORT": "return", "ENDFOR": "endloop"}
+            yield Jump(words.get(word, word.lower()))
+        elif word == "FOR":
+            yield Jump("loop")
+        elif word in ("IF", "SELECT", "ELSE") or text.startswith("="):
+            yield Jump("if")
+            action = re.split(r",(?![^\[(]*[\])])", text)[-1].strip()
+            yield from (
+                self.items(action, start) if action != text else [Setting({"other": unknown})]
             )
-        last = points[-1]
-        tree = parsed_statement(GRAMMAR, f"L {last[1]} ", start, "C P[1] : P[2] 100mm/sec FINE")
-        goal_place = start + last.start(1), start + last.end(1)
-    else:
-        tree = parsed_statement(GRAMMAR, text, start, "L P[1] 100mm/sec FINE ;")
-        goal_place = start + text.index("P"), start + text.index("]") + 1
-    goal = tree.children[1]
-    name, index = (str(part) for part in goal.children[:2])  # type: ignore[union-attr]
-    moved = MOVED.search(text)
-    if name == "PR" or moved:
-        reason = f"moved by {moved[1]}" if moved else f"target PR[{index}] is a register"
-        yield LeftMotion(start, statement, reason)
-        return
-    if index not in positions:
-        yield LeftMotion(start, statement, f"P[{index}] is not in /POS")
-        return
-    group, place = positions[index]
-    fields = {str(field.children[0]): field.children for field in group.find_data("field")}
-    has_joints = "J1" in fields
-    names = JOINTS if has_joints else POSE
-    numbers = []
-    for axis in names:
-        token = fields[axis][1] if axis in fields else None
-        if not isinstance(token, Token) or token.type != "NUMBER":
-            yield LeftMotion(start, statement, f"P[{index}] has no number {axis}")
-            return
-        numbers.append(number_of(token, place))
-    yield Target(
-        start,
-        start + len(text),
-        *goal_place,
-        is_linear=letter == "L",
-        follows=False,
-        has_joints=has_joints,
-        numbers=numbers,
-        config=() if has_joints or letter == "C" else _config(group, place),
-        base=_frame("UF", fields),
-        tool=_frame("UT", fields),
-    )
+            yield Jump("endif")
+        elif label := re.match(r"LBL\[\s*(\d+)", text):
+            yield Jump("label", label[1])
+        elif word == "JMP":
+            label = re.search(r"LBL\[\s*(\d+)\s*\]", text)
+            ways = [label[1]] if label else self.labels
+            yield from (Jump("branch", way) for way in ways[1:])
+            yield from (Jump("goto", way) for way in ways[:1])
+        elif match := re.match(r"U(FRAME|TOOL)_NUM\s*=\s*(\w+)", text):
+            side, key = ("frame", "UF") if match[1] == "FRAME" else ("tool", "UT")
+            number = match[2] if match[2].isdigit() else None
+            frame = _frame(key, match[2]) if number else unknown
+            yield Setting({side: frame, f"{side} number": number})
+        elif match := re.match(r"U(FRAME|TOOL)\[\s*([^\]]*?)\s*\]\s*=", text):
+            key = "UF" if match[1] == "FRAME" else "UT"
+            number = match[2].partition(":")[0]
+            yield Setting({f"{key}[{number}]" if number.isdigit() else f"{key}*": unknown})
+        elif word in ("CALL", "RUN"):
+            if re.split(r"[\s(]+", text)[1].lower() not in self.harmless:
+                keys = {"frame": unknown, "tool": unknown}
+                yield Setting({**keys, "frame number": None, "tool number": None})
+        elif not (HARMLESS.match(text) or re.match(r"P\[", text)):
+            yield Setting({**dict.fromkeys(("UF*", "UT*", "frame", "tool", "other"), unknown)})
 
-
-def _frame(name: str, fields: Mapping[str, Sequence[Tree[Token] | Token]]) -> Frame:
-    """Return the frame of a number: 0 is world or flange, others are in the controller."""
-    number = str(fields[name][1]) if name in fields else "?"
-    return Frame(f"{name} {number}", NO_FRAME if number == "0" else ())
-
-
-def _config(group: Tree[Token], place: int) -> list[Number]:
-    """Return wrist, elbow and shoulder of CONFIG as `SHAPES`, and three full turns."""
-    for field in group.find_data("field"):
-        token = field.children[0]
-        if isinstance(token, Token) and token.type == "CONFIG":
-            start, _ = part_place(token, place)
-            numbers = [
-                Number(
-                    SHAPES[letter[0]] if letter[0] in SHAPES else float(letter[0]), *letter.span()
+    def _motion(self, match: re.Match[str], start: int) -> Motion:
+        """Return a motion with its points."""
+        letter, rest = match["letter"], match["rest"]
+        kind = {"J": "joint", "L": "linear"}.get(letter, "circle")
+        motion = Motion(start, start + match.end(), "", kind, needs=("other",))
+        points = [(match[2], match[3]), *([(match[4], match[5])] if match[4] else [])]
+        place = 0
+        while option := OPTION.match(rest, place):
+            place = option.end()
+        if moved := re.search(r"[^\s,;:]+", rest[place:]):
+            motion.reason = f"moved by {moved[0]}, or not read"
+        elif letter in "AS" or len(points) != 1 + (letter == "C"):
+            motion.reason = "arc motions are not read" if letter in "AS" else "cannot be read"
+        motion.goals = tuple(self._goal(*point) for point in points)
+        for name, index in points[-1:]:
+            number = NUMBERED.fullmatch(index)
+            position = self.positions.get(int(number[1])) if number and name == "P" else None
+            frames = dict(FRAME.findall(_first_group(position)[0])) if position else {}
+            for side, key in (("frame", "UF"), ("tool", "UT")):
+                written = frames.get(key, "F")
+                frame = _frame(key, written) if written.isdigit() else Value(side)
+                motion.expects[f"{side} number"] = written if written.isdigit() else None
+                motion.base, motion.tool = (
+                    (frame, motion.tool) if side == "frame" else (motion.base, frame)
                 )
-                for letter in re.finditer(r"[FNUDTB]|[+-]?\d+", token)
-            ]
-            numbers = [n._replace(start=start + n.start, end=start + n.end) for n in numbers]
-            return numbers if len(numbers) == 6 else []
-    return []
+        return motion
+
+    def _goal(self, name: str, index: str) -> Goal:
+        """Return a point of /POS."""
+        number = NUMBERED.fullmatch(index)
+        if name == "PR" or not number:
+            return Goal(reason=f"target {name}[{index}] is a register or a variable")
+        if int(number[1]) not in self.positions or int(number[1]) in self.assigned:
+            cause = "assigned in the program" if int(number[1]) in self.assigned else "not in /POS"
+            return Goal(reason=f"P[{number[1]}] is {cause}")
+        position = self.positions[int(number[1])]
+        text, place = _first_group(position)
+        axes = {
+            axis[1].upper(): Number(float(axis[2]), place + axis.start(2), place + axis.end(2))
+            for axis in AXIS.finditer(text)
+        }
+        has_joints = "J1" in axes
+        names = JOINTS if has_joints else POSE
+        if missing := [axis for axis in names if axis not in axes]:
+            return Goal(reason=f"P[{number[1]}] has no number {missing[0]}")
+        others = {
+            f"GP{group[1]} {axis[1]}": float(axis[2])
+            for group in GROUP.finditer(position["groups"])
+            for axis in (AXIS.finditer(group[2]) if group[1] != "1" else ())
+        }
+        own = {axis: axes[axis].value for axis in axes if axis[0] == "E" or axis in ("J7", "J8")}
+        external = tuple((own | others).get(axis, np.nan) for axis in EXTERNAL)
+        if strange := (own.keys() | others.keys()) - {*EXTERNAL}:
+            return Goal(reason=f"P[{number[1]}] moves {min(strange)}, too")
+        config = () if has_joints else _config(text, place)
+        return Goal(tuple(axes[axis] for axis in names), has_joints, config, external)
+
+
+def _frame(key: str, number: str) -> Any:
+    """Return the frame of a number: 0 is world or flange, others are in the controller."""
+    name = f"{key}[{int(number)}]"
+    return Frame(name, NO_FRAME) if int(number) == 0 else Value(name)
+
+
+def _first_group(position: re.Match[str]) -> tuple[str, int]:
+    """Return the text of the first motion group of a position, with its place."""
+    for group in GROUP.finditer(position["groups"]):
+        if group[1] == "1":
+            return group[2], position.start("groups") + group.start(2)
+    return "", 0
+
+
+def _config(text: str, place: int) -> tuple[Number, ...]:
+    """Return wrist, elbow and shoulder of CONFIG as `SHAPES`, and three full turns."""
+    if not (config := CONFIG.search(text)):
+        return ()
+    start = place + config.start(1)
+    numbers = tuple(
+        Number(
+            SHAPES[part[0]] if part[0] in SHAPES else float(part[0]),
+            start + part.start(),
+            start + part.end(),
+        )
+        for part in re.finditer(r"[FNUDTB]|[+-]?\d+", config[1])
+    )
+    return numbers if len(numbers) == 6 else ()
 
 
 def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
@@ -181,14 +247,14 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
 
 LANGUAGE = Language(
     name="FANUC TP",
-    companion="",
     metres=1e-3,
     radians=float(np.pi / 180.0),
     n_turns=3,
-    decimals=(3, 5, 5),
+    decimals=(3, 5),
     read=read,
     to_rotations=lambda turns: euler_rotations("xyz", turns),
     configurations=configurations,
     config_names=("F", "U", "T", "turn 1", "turn 4", "turn 6"),
     config_of_linear=True,
+    external_names=EXTERNAL,
 )

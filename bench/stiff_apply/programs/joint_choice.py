@@ -9,7 +9,7 @@ import numpy as np
 
 from stiff_apply.programs.arm_shape import arm_signs
 from stiff_apply.programs.controller_poses import controller_of
-from stiff_apply.programs.program_file import Language, RobotProgram
+from stiff_apply.programs.program import Language, RobotProgram
 from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
 from stiff_protocols.paths.inverse import LIMIT_SLACK, STARTS, all_configurations, is_singular
 
@@ -22,8 +22,6 @@ OUT_OF_REACH, BEYOND_LIMITS = "out of reach", "beyond the joint limits in every 
 OTHER_CONFIGURATION = "not reachable in the configuration that is written"
 SINGULAR = "singular: the joints cannot correct it"
 FLIPS = "on the other side of a singularity than the target before"
-MAX_PROBLEM_LENGTH = 64
-"""Characters of a problem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +33,11 @@ class ChosenJoints:
         problem: (n,) reason why the target cannot be reached or corrected; "" if it can.
         config_fits: (n,) true if the written configuration fits `q`, or no configuration is
             written.
-        possible: row of a target that is not reachable in its configuration -> possible
-            configurations.
     """
 
     q: FloatArray
     problem: TextArray
     config_fits: BoolArray
-    possible: dict[int, str]
 
 
 def configuration_numbers(language: Language, robot: Robot, q: FloatArray) -> FloatArray:
@@ -60,6 +55,7 @@ def choose_joints(
     rotation: FloatArray,
     q: FloatArray,
     start: FloatArray,
+    problem: TextArray,
 ) -> ChosenJoints:
     """Return joint positions for each target.
 
@@ -70,26 +66,26 @@ def choose_joints(
     Args:
         program: the targets.
         robot: the robot that executes the program.
-        position: (n, 3) see `ProgramPoses`.
+        position: (n, 3) TCP of the robot, description's base frame, m; NaN for joint angles.
         rotation: (n, 3, 3) see `ProgramPoses`.
         q: (n, n_joints) see `ProgramPoses`.
         start: (n_joints,) joint positions near the first target, rad or m.
+        problem: (n,) why a target is not known; "" if it is.
     """
-    n = len(program)
-    chosen, problem = q.copy(), np.full(n, "", dtype=f"<U{MAX_PROBLEM_LENGTH}")
+    n, problem = len(program), problem.astype(object)
+    chosen = q.copy()
     config_fits, before = np.ones(n, dtype=bool), start
-    possible: dict[int, str] = {}
     is_bound = ~np.isnan(program.config[:, 0])
     is_bound &= ~program.is_linear | program.language.config_of_linear
     for first in range(0, n, BLOCK):
         rows = np.arange(first, min(first + BLOCK, n))
-        poses = rows[~program.has_joints[rows]]
+        poses = rows[~program.has_joints[rows] & (problem[rows] == "")]
         ways_of = all_configurations(robot, position[poses], rotation[poses])
         bound = np.flatnonzero(is_bound[poses])
         turned, *numbers = _with_turns(program.language, robot, ways_of[bound])
         bound_of = dict(zip(poses[bound].tolist(), range(len(bound)), strict=True))
         number_of = dict(zip(poses.tolist(), range(len(poses)), strict=True))
-        for row in rows.tolist():
+        for row in rows[problem[rows] == ""].tolist():
             if program.has_joints[row]:
                 before = q[row]
                 problem[row] = "" if _inside(robot, q[[row]])[0] else "beyond the joint limits"
@@ -108,8 +104,8 @@ def choose_joints(
                 if config_fits[row]:
                     ways = turned[bound_of[row]][fits & inside]
                 elif inside.any() and not program.is_linear[row]:
-                    problem[row] = OTHER_CONFIGURATION
-                    possible[row] = _possible(program, row, exact[inside])
+                    numbers_text = _possible(program, row, exact[inside])
+                    problem[row] = f"{OTHER_CONFIGURATION}: {numbers_text}"
                     continue
             if row not in bound_of or not config_fits[row]:
                 ways = _ways_inside(robot, ways, before)
@@ -130,7 +126,7 @@ def choose_joints(
         flips = np.r_[False, np.diff(sign) != 0] & program.is_linear[driven]
         flips &= np.r_[False, np.diff(driven) == 1] & program.follows[driven] & ~singular
         problem[driven[flips]] = FLIPS
-    return ChosenJoints(chosen, problem, config_fits, possible)
+    return ChosenJoints(chosen, problem.astype(str), config_fits)
 
 
 def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[FloatArray]:

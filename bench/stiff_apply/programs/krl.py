@@ -1,4 +1,4 @@
-"""Read KUKA Robot Language: targets of a .src program and its .dat file.
+"""Read KUKA Robot Language: a .src program, its .dat file, and frames of `$config.dat` next to it.
 
 Lengths are in mm, angles in deg; A, B, C turn about Z, the new Y and the new X. Status S and turn T
 give the configuration in which a point-to-point motion reaches a pose (KUKA System Software,
@@ -8,223 +8,431 @@ operating and programming instructions for system integrators, "Status and turn"
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from lark import Token, Tree
 
-from stiff_apply.programs.program_file import (
-    NEAR_ZERO,
-    NO_FRAME,
+from stiff_apply.programs.flow import (
+    LAST,
+    Call,
     Frame,
-    Language,
-    LeftMotion,
-    Number,
-    StatementError,
-    Target,
+    Jump,
+    Routine,
+    Setting,
+    Unknown,
+    Value,
+    lost_state,
 )
-from stiff_apply.programs.statements import parsed_statement, part_place
+from stiff_apply.programs.program import NEAR_ZERO, NO_FRAME, Goal, Language, Motion, Reading
+from stiff_apply.programs.statements import (
+    WORD,
+    Declared,
+    Names,
+    Number,
+    Statement,
+    without_comments,
+)
 from stiff_datasets.measured.rotations import euler_rotations
 from stiff_protocols.contract.types import BoolArray, FloatArray
 
-GRAMMAR = r"""
-start: motion | assignment | declaration
-motion: MOTION goal ("," goal)* _TAIL?
-assignment: VARIABLE "=" goal
-declaration: "DECL"i? "GLOBAL"i? NAME VARIABLE "=" aggregate
-goal: aggregate | VARIABLE | EXPRESSION
-aggregate: OPEN (TYPE ":")? component ("," component)* CLOSE
-component: NAME (NUMBER | EXPRESSION | aggregate)
-
-OPEN: "{"
-CLOSE: "}"
-MOTION.3: /(S?PTP|S?LIN|S?CIRC|SPL)\b/i
-TYPE.2: /[A-Z]\w*(?=\s*:)/i
-NAME: /[A-Z]\w*/i
-VARIABLE.1: /[A-Z$][\w$.]*(?=\s*(,|=|$)|\s+(C_|CA|WITH))/i
-NUMBER.1: /[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?(?=\s*[,}])/i
-EXPRESSION: /[^\s,={}][^,={}]*/
-_TAIL: /(C_|CA\b|WITH)[^{}]*/i
-%ignore /[ \t]+/
-"""
 POSE, JOINTS = ("X", "Y", "Z", "A", "B", "C"), ("A1", "A2", "A3", "A4", "A5", "A6")
-STATEMENT = re.compile(
-    r"^[ \t]*(?P<text>"
-    r"(?P<motion>(?:S?PTP|S?LIN|S?CIRC)(?:_REL)?\b|SPL\b)[^\r\n;]*"
-    r"|\$(?P<frame>BASE|TOOL)[ \t]*=[^\r\n;]*"
-    r"|BAS[ \t]*\([ \t]*#(?P<number>BASE|TOOL)[ \t]*,(?P<index>[^)\r\n]*)\)"
-    r"|FDAT_ACT[ \t]*=[ \t]*(?P<fdat>\w+)"
-    r"|(?P<assigned>\w+)[ \t]*=[^\r\n;]*"
-    r"|(?P<flow>(?:IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|LOOP|ENDLOOP|REPEAT|UNTIL|SWITCH|CASE"
-    r"|DEFAULT|ENDSWITCH|GOTO|RETURN|DEF|DEFFCT|END|ENDFCT|INTERRUPT)\b"
-    r"|\w+[ \t]*:(?!=)"
-    r"|(?!BAS\b|WAIT\b|OUT\b|PULSE\b)\w+[ \t]*\([^\r\n]*))",
-    re.IGNORECASE | re.MULTILINE,
+EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
+COMMENT = re.compile(r"\"[^\"\r\n]*\"|;[^\r\n]*|^[ \t]*&[^\r\n]*", re.MULTILINE)
+FLOW = {
+    **{"IF": "if", "ELSE": "else", "ENDIF": "endif", "SWITCH": "switch", "CASE": "case"},
+    **{"DEFAULT": "else", "ENDSWITCH": "endif", "EXIT": "break", "RETURN": "return"},
+    **dict.fromkeys(("FOR", "WHILE", "LOOP", "REPEAT"), "loop"),
+    **dict.fromkeys(("ENDFOR", "ENDWHILE", "ENDLOOP", "UNTIL"), "endloop"),
+    "RESUME": "return",
+}
+DEFINITION = re.compile(
+    r"(GLOBAL\s+)?(?:DEF|DEFFCT\s+[\w\[\],]+)\s+(\w+)\s*\(([^)]*)\)", re.IGNORECASE
 )
 DECLARATION = re.compile(
-    r"^[ \t]*(?P<text>(?:DECL[ \t]+)?(?:GLOBAL[ \t]+)?"
-    r"(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)[ \t]+(?P<name>\w+)[ \t]*=[^\r\n;]*)",
-    re.IGNORECASE | re.MULTILINE,
+    r"(?:(?:DECL|GLOBAL|CONST)\s+)*(?:(?<=\s)\w+|INT|REAL|BOOL|CHAR|FRAME|E6POS|E3POS|POS|E6AXIS"
+    r"|E3AXIS|AXIS|FDAT|LDAT|PDAT)\s+(?P<names>[A-Z_$][\w$]*\b.*)",
+    re.IGNORECASE,
 )
-BITS = re.compile(r"'(?:([B])([01]{1,32})|([H])([0-9A-F]{1,8}))'\s*$", re.IGNORECASE)
+MOTION = re.compile(r"(?P<word>S?PTP|S?LIN|S?CIRC|SPL)(?P<rel>_REL)?\b(?!\s*[=(])", re.I)
+APPROXIMATION = re.compile(r"(?:\s+C_(?:DIS|PTP|ORI|VEL|SPL)\b)+\s*$", re.IGNORECASE)
+ASSIGNMENT = re.compile(r"(?P<base>\$?\w+)(?P<part>\[[^\]=]*\])?(?P<field>[.\[][\w$.\[\],]*)?\s*=")
+HARMLESS = re.compile(
+    r"(?:DEFDAT|ENDDAT|EXT|EXTFCT|EXTP|EXTFCTP|STRUC|ENUM|SIGNAL|IMPORT|WAIT|HALT|CONTINUE|PULSE"
+    r"|OUT|ANOUT|ANIN|DIGIN|CONFIRM|BRAKE|TRIGGER|INTERRUPT|GLOBAL\s+INTERRUPT|TIME_BLOCK"
+    r"|CONST_VEL|ON_ERROR_PROCEED|CHANNEL|CWRITE|CREAD|SWRITE|SREAD|COPEN|CCLOSE|END(?:FCT)?"
+    r"|(?:ENDSPLINE|SPLINE|PTP_SPLINE))\b",
+    re.IGNORECASE,
+)
+HARMLESS_VARIABLE = re.compile(
+    r"\$(?:VEL|ACC|APO|ORI_TYPE|CIRC_TYPE|ADVANCE|OV_|OUT|ANOUT|TIMER|FLAG|CYCFLAG|BWDSTART|H_POS"
+    r"|LOAD|JERK|GEAR_JERK|LOOP_|CMD|PRO_|SPL_|RED_VEL|IOSYS|STOPNOAPROX|VC_|COUNT_I|CP_VEL)",
+    re.IGNORECASE,
+)
+CALL = re.compile(r"(?<![\w$.#])([A-Za-z]\w*)\s*\(")
+FUNCTIONS = frozenset(
+    "BAS ABS SIN COS TAN ACOS ASIN ATAN2 SQRT INV_POS INVERSE FORWARD B_AND B_OR B_EXOR B_NOT "
+    "STRLEN STRCOPY STRADD STRCLEAR STRCOMP STRFIND STRDECLLEN STRTOINT STRTOREAL STRTOBOOL "
+    "VARSTATE GET_SYSTEM_DATA IR_STOPM USER IF WHILE UNTIL FOR AND OR NOT EXOR SWITCH CASE RETURN "
+    "SET_OPT_FILTER MSGNOTIFY CWRITE CREAD SWRITE SREAD COPEN CCLOSE PULSE SIGNUM ROUND TRUNC "
+    "SVEL_CP SVEL_JOINT STOOL STOOL2 SBASE SIPO_MODE SLOAD SAPO SAPO_PTP".split()
+)
+STATE: dict[str, Any] = {
+    **{
+        LAST: None,
+        "base": Frame("$BASE"),
+        "tool": Frame("$TOOL"),
+        "mode": "#BASE",
+        "root": "$ROBROOT",
+    },
+    **dict.fromkeys(
+        ("fdat base", "fdat tool", "fdat mode"),
+        Unknown("BAS(..) sets the frames of FDAT_ACT, which are not set before"),
+    ),
+}
+"""State at the start: frames are in the controller."""
+NEEDS = ("mode", "root")
+BITS = re.compile(r"'(?:B([01]{1,31})|H([0-9A-F]{1,7}))'", re.IGNORECASE)
 """S and T as 'B010' or 'H2'."""
-WHOLE_POSE = "{X 0,Y 0,Z 0,A 0,B 0,C 0} or {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}"
 
 
-def _parsed(text: str, start: int, text_index: int = 0) -> Tree[Token]:
-    """Return the tree of a statement; StatementError if it cannot be read."""
-    valid = f"e.g. LIN {WHOLE_POSE}"
-    return parsed_statement(GRAMMAR, text.rstrip(), start, valid, text_index)
+def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
+    """Read a program; texts are the .src, the .dat and `$config.dat`; "" for a missing one."""
+    return _Reader(texts, harmless).reading
 
 
-def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
-    """Yield the motions of a program; texts are the .src and, if it exists, the .dat."""
-    data = dict(_declarations(texts[1])) if len(texts) > 1 else {}
-    base, tool = Frame("$BASE", ()), Frame("$TOOL", ())
-    follows, assigned = False, set[str]()
-    for match in STATEMENT.finditer(texts[0]):
-        start, text, kind = match.start("text"), match["text"], match.lastgroup
-        if match["motion"]:
-            for motion in _motions(match["motion"].upper(), text, start, data, assigned):
-                if isinstance(motion, LeftMotion):
-                    yield motion
-                    follows &= "helper" in motion.reason
-                else:
-                    yield motion._replace(base=base, tool=tool, follows=follows)
-                    follows = True
-        elif match["frame"]:
-            frame = _frame(text, start)
-            base, tool = (frame, tool) if match["frame"].upper() == "BASE" else (base, frame)
-        elif match["number"]:
-            name = match["number"].upper()
-            frame = _numbered(name, match["index"].strip())
-            base, tool = (frame, tool) if name == "BASE" else (base, frame)
-        elif match["fdat"]:
-            base, tool = _inline_form(match["fdat"].upper(), data)
-        elif match["assigned"]:
-            assigned.add(match["assigned"].upper())
-        elif kind:
-            follows = False
+class _Reader:
+    """Reads names first, then statements."""
 
+    def __init__(self, texts: Sequence[str], harmless: Collection[str]) -> None:
+        self.functions = FUNCTIONS | {name.upper() for name in harmless}
+        self.names, self.routines = Names(takes_single=True), {"": Routine("", entry="file")}
+        self.state, self.spline = dict(STATE), dict[str, Any]()
+        self.inputs: dict[str, list[bool]] = {}
+        for index, text in enumerate(texts[1:], 1):
+            for start, line in _lines(text):
+                self._declare_data(start, line, index)
+        lines = [*self._by_routine(texts[0])]
+        for routine, start, line in lines:
+            self._note_names(routine.name, start, line)
+        self.names.finish()
+        for routine, start, line in lines:
+            routine.items += self._items(routine.name, start, line)
+        self.reading = Reading(self.routines, self.names, self.state)
 
-def _motions(
-    word: str,
-    text: str,
-    start: int,
-    data: Mapping[str, tuple[Tree[Token], int]],
-    assigned: set[str],
-) -> Iterator[Target | LeftMotion]:
-    """Yield the helper point and the target of a motion."""
-    if word.endswith("_REL"):
-        raise StatementError(start, text, f"{word} is relative; give absolute targets")
-    tree = _parsed(text, start)
-    goals = [child for child in tree.children if isinstance(child, Tree)]
-    is_circular = "CIRC" in word
-    if is_circular and len(goals) > 1:
-        yield LeftMotion(start, text, "helper point of a circular motion")
-    goal = goals[1] if is_circular and len(goals) > 1 else goals[0]
-    content = goal.children[0]
-    text_index, offset, place = 0, start, part_place(content, start)
-    if isinstance(content, Token):
-        name = content.upper()
-        if content.type == "EXPRESSION":
-            yield LeftMotion(start, text, f"target {content.strip()} is an expression")
+    def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, str]]:
+        """Yield statements with their routines."""
+        now = self.routines[""]
+        for start, line in _lines(text):
+            if match := DEFINITION.match(line):
+                name, parts = match[2].upper(), [part for part in match[3].split(",") if part]
+                entry = "file" if len(self.routines) == 1 or match[1] else "called"
+                now = self.routines.setdefault(name, Routine(name, entry=entry))
+                self.inputs[name] = [":IN" in part.upper().replace(" ", "") for part in parts]
+                for part in parts:
+                    parameter = re.split(r"[:\[]", part)[0].strip()
+                    self.names.declare(name, parameter)
+                    self.names.assign(name, parameter, None, "is a parameter")
+            elif re.fullmatch(r"END(FCT)?", line, re.IGNORECASE):
+                now = self.routines[""]
+            else:
+                yield now, start, line
+
+    def _declare_data(self, start: int, line: str, index: int) -> None:
+        """Note a value of a .dat file; of `$config.dat` only frames."""
+        name, equals, text = line.partition("=")
+        name = name.split()[-1].upper() if name.split() else ""
+        kind = next((word for word in line.upper().split() if word == "FDAT"), "")
+        if not equals:
             return
-        if name in assigned or name not in data:
-            reason = "is assigned in the program" if name in assigned else "is a variable"
-            yield LeftMotion(start, text, f"target {content} {reason}")
+        statement = Statement(text.rstrip(), start + len(line) - len(text))
+        value = statement.values[0] if len(statement.values) == 1 else ()
+        if re.fullmatch(r"(BASE|TOOL)_DATA\[\d+\]", name):
+            frame = self._frame("", name, statement, value)
+            self.state[name] = frame._replace(name=name) if isinstance(frame, Frame) else frame
+        elif index == 1:
+            self.names.declare("", name, Declared(kind, statement, value, 1))
+
+    def _note_names(self, routine: str, start: int, line: str) -> None:
+        """Note what a statement does to names."""
+        if MOTION.match(line):
             return
-        (content, offset), text_index = data[name], 1
-    numbers, config, reason = _numbers(content, offset, text_index)
-    if reason:
-        yield LeftMotion(start, text, reason)
-        return
-    has_joints = numbers[0][0] == "A1"
-    yield Target(
-        start,
-        start + len(text),
-        *place,
-        is_linear=word in ("LIN", "SLIN"),
-        follows=False,
-        has_joints=has_joints,
-        numbers=[number for _, number in numbers],
-        config=() if has_joints or is_circular or word == "SPL" else config,
-        base=Frame("", NO_FRAME),
-        tool=Frame("", NO_FRAME),
-        text_index=text_index,
-    )
+        if match := DECLARATION.match(line):
+            for name in match["names"].partition("=")[0].split(","):
+                self.names.declare(routine, re.split(r"[\[\s]", name.strip())[0])
+            line, start = match["names"], start + match.start("names")
+        if match := ASSIGNMENT.match(line):
+            text, name = line[match.end() :], match["base"]
+            statement = Statement(text, start + match.end())
+            value = statement.values[0] if len(statement.values) == 1 else ()
+            is_whole = statement.group(value, "{") and not match["part"] and not match["field"]
+            is_local = self.names.is_local(routine, name)
+            literal = Declared("", statement, value) if is_whole and is_local else None
+            self.names.assign(routine, name, literal, "is assigned in the program")
+            self.names.note_sources(name, text)
+        for call in CALL.finditer(line):
+            name, inputs = call[1].upper(), self.inputs.get(call[1].upper(), [])
+            if name in self.functions:
+                continue
+            for number, argument in enumerate(re.split(r"[,()]", line[call.end() :])):
+                word = argument.strip()
+                if WORD.fullmatch(word) and not (number < len(inputs) and inputs[number]):
+                    self.names.assign(routine, word, None, f"may be changed by {name}(..)")
+
+    def _items(self, routine: str, start: int, line: str) -> Iterator[Any]:
+        """Yield the items of a statement."""
+        word = re.match(r"[$\w]*", line)[0].upper()  # type: ignore[index]
+        where = f"not read: {' '.join(line.split())[:60]}"
+        if match := MOTION.match(line):
+            yield self._motion(routine, start, line, match)
+            return
+        if word in ("SPLINE", "PTP_SPLINE", "ENDSPLINE"):
+            self.spline = self._with(routine, start, line)
+            return
+        yield from self._calls(line, where)
+        if word in FLOW:
+            yield Jump(FLOW[word])
+        elif word == "GOTO":
+            yield Jump("goto", line.split()[-1].upper())
+        elif label := re.fullmatch(r"(\w+)\s*:", line):
+            yield Jump("label", label[1].upper())
+        elif word == "BAS":
+            yield from self._bas(line, where)
+        elif match := ASSIGNMENT.match(line):
+            yield from self._assignment(routine, start, line, match, where)
+        elif not (DECLARATION.match(line) or HARMLESS.match(line) or CALL.match(line)):
+            yield self._lost(where)
+
+    def _lost(self, cause: str) -> Setting:
+        """Return the effect of an unknown statement."""
+        return Setting(lost_state(STATE, cause))
+
+    def _calls(self, line: str, where: str) -> Iterator[Any]:
+        """Yield calls of routines of this file, and what unknown ones may do."""
+        for match in CALL.finditer(line):
+            name = match[1].upper()
+            is_statement = match.start() == 0
+            if name in self.routines:
+                if re.match(r"(GLOBAL\s+)?INTERRUPT\b", line, re.IGNORECASE):
+                    self.routines[name].entry = "interrupt"
+                yield from [Jump("if")] * (not is_statement)
+                yield Call(name)
+                yield from [Jump("endif")] * (not is_statement)
+            elif name not in self.functions:
+                yield self._lost(where)
+
+    def _bas(self, line: str, where: str) -> Iterator[Any]:
+        """Yield the effect of BAS(#..)."""
+        match = re.match(r"BAS\s*\(\s*#\s*(\w+)\s*,?\s*([^)]*?)\s*\)", line, re.IGNORECASE)
+        command, number = (match[1].upper(), match[2]) if match else ("", "")
+        if command in ("BASE", "TOOL"):
+            key = f"{command}_DATA[{number}]"
+            value: Any = Unknown(where)
+            if re.fullmatch(r"\d+|-1", number):
+                value = Frame(key, NO_FRAME) if number in ("0", "-1") else Value(key)
+            yield Setting({command.lower(): value})
+        elif command in ("FRAMES", "CP_PARAMS", "PTP_PARAMS"):
+            yield Setting({key: Value(f"fdat {key}") for key in ("base", "tool", "mode")})
+        elif command == "INITMOV":
+            yield Setting({key: STATE[key] for key in ("base", "tool", "mode")})
+        elif not re.match(r"(VEL|ACC)_|OV_PRO$", command):
+            yield self._lost(where)
+
+    def _assignment(
+        self, routine: str, start: int, line: str, match: re.Match[str], where: str
+    ) -> Iterator[Any]:
+        """Yield the effect of an assignment on the state."""
+        base, part, field = match["base"].upper(), match["part"] or "", match["field"]
+        statement = Statement(line[match.end() :].rstrip(), start + match.end())
+        value = statement.values[0] if len(statement.values) == 1 else ()
+        table = base in ("BASE_DATA", "TOOL_DATA")
+        if base in ("$BASE", "$TOOL") or table:
+            frame = self._frame(routine, base, statement, value)
+            if field or bool(part) != table or not frame:
+                frame = Unknown(where)
+            if table and isinstance(frame, Frame):
+                frame = frame._replace(name=f"{base}{part}")
+            is_number = re.fullmatch(r"\[\d+\]", part)
+            yield Setting(
+                {
+                    (f"{base}{part}" if is_number else f"{base}*")
+                    if table
+                    else base[1:].lower(): frame
+                }
+            )
+        elif base == "FDAT_ACT":
+            frames = self._fdat(routine, statement, value) if not field and not part else None
+            frames = frames or dict.fromkeys(("base", "tool", "mode"), Unknown(where))
+            yield Setting({f"fdat {key}": frame for key, frame in frames.items()})
+        elif base == "$IPO_MODE":
+            yield Setting({"mode": _mode(statement.word(value))})
+        elif base[0] == "$" and not HARMLESS_VARIABLE.match(base):
+            yield self._lost(where)
+
+    def _frame(self, routine: str, side: str, statement: Statement, value: Any) -> Any:
+        """Return the frame that a value is."""
+        cause = Unknown(f"not read: {side}={' '.join(statement.text.split())[:50]}")
+        name = statement.name(value).upper() if value else ""
+        if name in ("$NULLFRAME", "$WORLD"):
+            return Frame(name, NO_FRAME)
+        if re.fullmatch(r"(BASE|TOOL)_DATA\[\d+\]", name):
+            return Value(name)
+        if name:
+            declared, _ = self.names.find(routine, name)
+            if declared is None:
+                return cause
+            statement, value = declared.statement, declared.value
+        function = statement.word(value).upper() if value else ""
+        if function in ("STOOL2", "SBASE", "STOOL"):
+            argument = re.sub(r"[()\s]|\.(BASE|TOOL)_NO", "", statement.text.upper()).removeprefix(
+                function
+            )
+            declared, _ = self.names.find(routine, argument)
+            data = declared and self._fdat(routine, declared.statement, declared.value)
+            return data["base" if function == "SBASE" else "tool"] if data else cause
+        components, reason = _components(statement, value)
+        numbers = [components.get(name) for name in POSE]
+        if reason or not all(isinstance(number, Number) for number in numbers):
+            return cause
+        return Frame(side, tuple(number.value for number in numbers))  # type: ignore[union-attr]
+
+    def _fdat(self, routine: str, statement: Statement, value: Any) -> dict[str, Any] | None:
+        """Return base, tool and mode of an inline form's frame data; None: not literal."""
+        if value and (name := statement.name(value)):
+            declared, _ = self.names.find(routine, name)
+            if declared is None:
+                return None
+            statement, value = declared.statement, declared.value
+        components, reason = _components(statement, value)
+        base, tool = components.get("BASE_NO"), components.get("TOOL_NO")
+        if reason or not isinstance(base, Number) or not isinstance(tool, Number):
+            return None
+        frames: dict[str, Any] = {"mode": _mode(str(components.get("IPO_FRAME", "#BASE")))}
+        for side, number in (("base", base.value), ("tool", tool.value)):
+            key = f"{side.upper()}_DATA[{number:g}]"
+            frames[side] = Frame(key, NO_FRAME) if number <= 0 else Value(key)
+        return frames
+
+    def _with(self, routine: str, start: int, line: str) -> dict[str, Any]:
+        """Return frames and mode of a WITH clause."""
+        match, values = re.search(r"\bWITH\b", line, re.IGNORECASE), dict[str, Any]()
+        if match is None:
+            return values
+        clause = Statement(line[match.end() :], start + match.end())
+        for part, place in clause.parts():
+            key, _, text = (word.strip() for word in part.partition("="))
+            statement = Statement(text, place + len(part) - len(text))
+            value = statement.values[0] if len(statement.values) == 1 else ()
+            if key.upper() in ("$BASE", "$TOOL"):
+                values[key[1:].lower()] = self._frame(routine, key, statement, value)
+            elif key.upper() == "$IPO_MODE" and text.upper().startswith("SIPO_MODE"):
+                name = re.split(r"[(.)]", text)[1].strip()
+                data = self._fdat(routine, Statement(name, 0), (0,))
+                values["mode"] = data["mode"] if data else Unknown(f"not read: {text}")
+            elif key.upper() == "$IPO_MODE":
+                values["mode"] = _mode(text)
+            elif not HARMLESS_VARIABLE.match(key):
+                values["mode"] = Unknown(f"not read: WITH {part.strip()[:40]}")
+        if not clause.is_closed:
+            values["mode"] = Unknown("the brackets of WITH do not close")
+        return values
+
+    def _motion(self, routine: str, start: int, line: str, match: re.Match[str]) -> Motion:
+        """Return a motion with its points."""
+        word, place = match["word"].upper(), match.end()
+        is_circle = "CIRC" in word
+        kind = "circle" if is_circle else "joint" if word.endswith("PTP") else "linear"
+        frames = self.spline | self._with(routine, start, line)
+        mode = frames.pop("mode", None)
+        motion = Motion(start, start + len(line), routine, kind, needs=NEEDS, **frames)
+        if match["rel"]:
+            motion.is_relative = not is_circle
+            motion.reason = "is relative to the target before"
+            return motion
+        main = re.split(r"\bWITH\b", line, flags=re.IGNORECASE)[0].rstrip()
+        main = APPROXIMATION.sub("", main)
+        statement = Statement(main[place:], start + place)
+        values = [*statement.values]
+        if is_circle and len(values) == 3 and statement.word(values[2]).upper().startswith("CA"):
+            values.pop()
+        if len(values) != 1 + is_circle:
+            motion.reason = "cannot be read"
+        elif isinstance(mode, Unknown):
+            motion.reason = mode.cause
+        motion.needs = NEEDS[1:] if mode else NEEDS
+        motion.goals = tuple(self._goal(routine, statement, value) for value in values)
+        if word == "SPL":
+            motion.goals = tuple(replace(goal, config=()) for goal in motion.goals)
+        return motion
+
+    def _goal(self, routine: str, statement: Statement, value: Any) -> Goal:
+        """Return a point: an aggregate, or a name that has one."""
+        text_index = 0
+        if not value or statement.group(value, "{") is None:
+            name = statement.name(value) if value else ""
+            if not name or "." in name:
+                return Goal(reason=f"target {_text_of(statement)} is an expression")
+            declared, cause = self.names.find(routine, name)
+            if declared is None:
+                return Goal(reason=f"target {name} {cause}")
+            statement, value, text_index = declared.statement, declared.value, declared.text_index
+        components, reason = _components(statement, value)
+        has_joints = any(name in components for name in JOINTS)
+        names = JOINTS if has_joints else POSE
+        numbers = tuple(components.get(name) for name in names)
+        external = [components.get(name) for name in EXTERNAL]
+        for name, number in zip((*names, *EXTERNAL), (*numbers, *external), strict=True):
+            if isinstance(number, str):
+                reason = reason or f"{name} {number} is an expression"
+        if not reason and not any(numbers):
+            reason = "the target has no position"
+        if reason:
+            return Goal(reason=reason)
+        axes = tuple(axis.value if isinstance(axis, Number) else np.nan for axis in external)
+        config = [components.get(name) for name in ("S", "T")]
+        numbers_of_config = tuple(part for part in config if isinstance(part, Number))
+        if has_joints or len(numbers_of_config) < 2:
+            return Goal(numbers, has_joints, (), axes, text_index)  # type: ignore[arg-type]
+        status, turn = numbers_of_config
+        status = status._replace(value=float(int(status.value) & 7))
+        return Goal(numbers, False, (status, turn), axes, text_index)  # type: ignore[arg-type]
 
 
-def _numbers(
-    aggregate: Tree[Token], start: int, text_index: int
-) -> tuple[list[tuple[str, Number]], list[Number], str]:
-    """Return the named numbers of a target, S and T, and the reason if there are none."""
-    values: dict[str, Token] = {}
-    for component in aggregate.find_data("component"):
-        first, last = component.children
-        if isinstance(first, Token) and isinstance(last, Token):
-            values[first.upper()] = last
-    names = JOINTS if "A1" in values else POSE
-    missing = [name for name in names if name not in values]
-    if missing:
-        return [], [], f"the target has no {', '.join(missing)}"
-    for name in names:
-        if values[name].type != "NUMBER":
-            return [], [], f"{name} {values[name].strip()} is an expression"
-    numbers = [(name, _number(values[name], start)) for name in names]
-    config = [values[name] for name in ("S", "T") if name in values]
-    if len(config) < 2 or not all(token.type == "NUMBER" or BITS.match(token) for token in config):
-        return numbers, [], ""
-    status, turn = (_number(values[name], start) for name in ("S", "T"))
-    if not abs(status.value) < 2**31 or not abs(turn.value) < 2**31:
-        return numbers, [], ""
-    status = status._replace(value=float(int(status.value) & 7))
-    return numbers, [status, turn], ""
+def _text_of(statement: Statement) -> str:
+    return " ".join(statement.text.split())[:60]
 
 
-def _number(token: Token, start: int) -> Number:
-    """Return a number; S and T may be written as 'B010' or 'H2'."""
-    bits = BITS.match(token)
-    value = float(token) if not bits else int(bits[2], 2) if bits[1] else int(bits[4], 16)
-    place, end = part_place(token, start)
-    return Number(float(value), place, end - len(token) + len(token.rstrip()))
+def _lines(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the statements of a text, with their places."""
+    for match in re.finditer(r"[^\s][^\r\n]*", without_comments(text, COMMENT)):
+        yield match.start(), match[0].rstrip()
 
 
-def _frame(text: str, start: int) -> Frame:
-    """Return the frame that `$BASE = ...` or `$TOOL = ...` sets."""
-    tree = _parsed(text, start)
-    content = tree.children[1].children[0]  # type: ignore[union-attr]
-    if isinstance(content, Token):
-        name = content.strip()
-        return Frame(name, NO_FRAME if name.upper() in ("$NULLFRAME", "$WORLD") else ())
-    numbers, _, reason = _numbers(content, 0, 0)
-    if reason or numbers[0][0] != "X":
-        raise StatementError(start, text, f"a literal frame {WHOLE_POSE.partition(' or')[0]}")
-    return Frame(text.partition("=")[0].strip(), tuple(number.value for _, number in numbers))
+def _mode(word: str) -> Any:
+    return "#BASE" if word.upper() == "#BASE" else Unknown(f"the tool is not on the robot: {word}")
 
 
-def _numbered(name: str, index: str) -> Frame:
-    """Return the frame of `BAS(#BASE, index)`, which is in the controller."""
-    return Frame(f"{name}_DATA[{index}]", NO_FRAME if index in ("0", "-1") else ())
-
-
-def _inline_form(name: str, data: Mapping[str, tuple[Tree[Token], int]]) -> tuple[Frame, Frame]:
-    """Return base and tool of an inline form's frame data."""
-    numbers = {"BASE_NO": "?", "TOOL_NO": "?"}
-    if name in data:
-        for component in data[name][0].find_data("component"):
-            numbers[str(component.children[0]).upper()] = str(component.children[1]).strip()
-    if numbers.get("IPO_FRAME", "").upper() == "#TCP":
-        raise StatementError(data[name][1], f"{name}: IPO_FRAME #TCP", "a tool on the robot", 1)
-    return _numbered("BASE", numbers["BASE_NO"]), _numbered("TOOL", numbers["TOOL_NO"])
-
-
-def _declarations(text: str) -> Iterator[tuple[str, tuple[Tree[Token], int]]]:
-    """Yield the names of a .dat file's targets, each with its aggregate and place."""
-    for match in DECLARATION.finditer(text):
-        start = match.start("text")
-        tree = _parsed(match["text"], start, 1)
-        yield match["name"].upper(), (tree.children[-1], start)  # type: ignore[misc]
+def _components(statement: Statement, value: Any) -> tuple[dict[str, Number | str], str]:
+    """Return the components of an aggregate, and the reason why there are none."""
+    values = statement.group(value, "{") if value else None
+    if values is None:
+        return {}, "is no aggregate"
+    components: dict[str, Number | str] = {}
+    for inner in values:
+        words = [statement.tokens[item] for item in inner if isinstance(item, int)]
+        while len(words) > 2 and (words[0][0].endswith(":") or words[1][0] == ":"):
+            words = words[1 + (words[1][0] == ":") :]  # its type: {E6POS: X 0}
+        name = words[0][0].upper() if words else "?"
+        text = words[1][0] if len(words) == 2 and isinstance(inner[-1], int) else ""
+        bits, number = BITS.fullmatch(text), statement.number(inner[-1:])
+        if bits:
+            value = float(int(bits[1], 2) if bits[1] else int(bits[2], 16))
+            places = (statement.start + words[1].start(), statement.start + words[1].end())
+            components[name] = Number(value, *places)
+        else:
+            components[name] = number if number and text else statement.word(inner)[len(name) :]
+    return components, ""
 
 
 def matches(written: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
@@ -248,14 +456,15 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
 
 LANGUAGE = Language(
     name="KRL",
-    companion=".dat",
     metres=1e-3,
     radians=float(np.pi / 180.0),
     n_turns=3,
-    decimals=(4, 5, 5),
+    decimals=(4, 5),
     read=read,
     to_rotations=lambda turns: euler_rotations("ZYX", turns),
     configurations=configurations,
+    companions=("*.dat", "$config.dat"),
     matches=matches,
     config_names=("S", "T"),
+    external_names=EXTERNAL,
 )

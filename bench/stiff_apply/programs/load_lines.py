@@ -1,12 +1,13 @@
-"""Read the process loads of a program's targets from a table by line number."""
+"""Read the process loads of a program's motions from a table by line number, and write one."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from stiff_apply.programs.program_file import RobotProgram
+from stiff_apply.programs.program import RobotProgram
 from stiff_datasets.measured.row_checks import (
     Problem,
     cell_problem,
@@ -16,19 +17,19 @@ from stiff_datasets.measured.row_checks import (
     with_missing_columns,
 )
 from stiff_datasets.measured.sample_columns import TORQUE_COLUMNS, WRENCH_COLUMNS
-from stiff_datasets.measured.sheet_files import read_sheet
+from stiff_datasets.measured.sheet_files import read_sheet, write_table
 from stiff_protocols.contract.types import FloatArray
 
 LINE_COLUMN = "line"
 
 
 def loads_by_line(file: Path, program: RobotProgram) -> FloatArray:
-    """Return the (n, 6) loads of a program's targets, N and N m.
+    """Return the (n_motions, 6) loads of a program's motions, N and N m; NaN if not given.
 
     Args:
         file: CSV, Excel or Parquet with the columns line, fx_N, fy_N, fz_N and, if torques act,
             tx_Nm, ty_Nm, tz_Nm; `line` is the number of the motion's line in the program, from 1.
-        program: the program with the targets.
+        program: the program with the motions.
 
     Raises:
         DataError: the file cannot be read, a value is invalid, a line has two loads, or a target
@@ -41,10 +42,10 @@ def loads_by_line(file: Path, program: RobotProgram) -> FloatArray:
     sheet = with_missing_columns(sheet, dict.fromkeys(TORQUE_COLUMNS, 0.0))
     numbers, wrench, problems = numbers_and_loads(sheet, (LINE_COLUMN,))
     lines, rows = np.unique(numbers[:, 0], return_index=True)
-    targets = {*program.lines.tolist()}
+    targets, motion_lines = {*program.lines.tolist()}, {*program.motion_lines.tolist()}
     for row, line in enumerate(numbers[:, 0].tolist()):
-        if line == line and line not in targets:
-            valid = f"a line of {program.paths[0]} with a target"
+        if line == line and line not in motion_lines:
+            valid = f"a line of {program.paths[0]} with a motion"
             problems.append(cell_problem(sheet, row, LINE_COLUMN, valid))
         elif line == line and row not in rows:
             problems.append(cell_problem(sheet, row, LINE_COLUMN, "each line once"))
@@ -54,4 +55,14 @@ def loads_by_line(file: Path, program: RobotProgram) -> FloatArray:
         problems = [Problem(text, f"a row for each of the {len(targets)} lines with a target")]
     if problems:
         raise problems_error(file, problems)
-    return np.asarray(wrench[rows[np.searchsorted(lines, program.lines)]])
+    place = np.searchsorted(lines, program.motion_lines).clip(max=len(lines) - 1)
+    is_given = lines[place] == program.motion_lines
+    return np.where(is_given[:, None], wrench[rows[place]], np.nan)
+
+
+def write_loads_template(file: Path, program: RobotProgram, load: FloatArray) -> None:
+    """Write a table for `loads_by_line`: each line with a motion, with the (n_motions, 6) loads."""
+    lines, rows = np.unique(program.motion_lines, return_index=True)
+    table = pd.DataFrame(np.nan_to_num(load[rows]), columns=[*WRENCH_COLUMNS])
+    table.insert(0, LINE_COLUMN, lines)
+    write_table(file, [table])

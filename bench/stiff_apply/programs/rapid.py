@@ -9,248 +9,340 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any
 
 import numpy as np
-from lark import Token, Tree
 
-from stiff_apply.programs.program_file import (
-    NEAR_ZERO,
+from stiff_apply.programs.flow import (
+    LAST,
+    Call,
     Frame,
-    Language,
-    LeftMotion,
-    Number,
-    StatementError,
-    Target,
+    Jump,
+    Routine,
+    Setting,
+    Unknown,
+    lost_state,
 )
-from stiff_apply.programs.statements import parsed_statement, part_place
+from stiff_apply.programs.program import NEAR_ZERO, Goal, Language, Motion, Reading
+from stiff_apply.programs.statements import WORD, Declared, Names, Statement, without_comments
 from stiff_datasets.measured.rotations import quaternion_rotations, quaternions
 from stiff_protocols.contract.types import FloatArray
 
-REAL = r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?"
-GRAMMAR = r"""
-start: motion | data
-motion: MOTION option* ","? argument ("," argument)* ";"
-data: NAME+ ":=" value ";"
-argument: value option*
-option: "\\" NAME (":=" value)?
-?value: array | NUMBERS | NUMBER | NAME | EXPRESSION | OTHER
-array: OPEN value ("," value)* CLOSE
-
-OPEN: "["
-CLOSE: "]"
-NUMBERS.3: /\[\s*REAL(\s*,\s*REAL)*\s*\]/i
-MOTION.3: /Move(L|J|AbsJ|C)\b/i
-NUMBER.2: /[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?(?=\s*[,\]\\;])/i
-EXPRESSION.1: /[A-Z_]\w*\s*(\((?:[^()]|\([^()]*\))*\)|\{[^}]*\}|\.)[\w.]*/i
-NAME: /[A-Z_]\w*/i
-OTHER.-1: /[^\s\[\],;\\][^\[\],;\\]*/
-COMMENT: /![^\r\n]*/
-%ignore COMMENT
-%ignore /\s+/
-""".replace("REAL", REAL)
-REST_OF_LINE = r"(?:\"(?:[^\"\r\n]|\"\")*+\"|![^\r\n]*+|[^;\"!])*+;"
+COMMENT = re.compile(r"\"(?:[^\"\r\n]|\"\")*\"|![^\r\n]*")
+STRING = r"\"(?:[^\"\r\n]|\"\")*+\""
+UNTIL = rf"(?:{STRING}|[^;\"])*?"
 STATEMENT = re.compile(
-    r"![^\r\n]*+|\"(?:[^\"\r\n]|\"\")*+\""
-    r"|(?:^|(?<=;))[ \t]*(?P<text>"
-    rf"(?P<motion>(?:Move|Trigg|Arc|Search|Paint|Disp|Spot)(?:L|J|AbsJ|C)\w*)\b{REST_OF_LINE}"
-    rf"|(?P<data>(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+"
-    rf"(?P<type>robtarget|jointtarget|tooldata|wobjdata)\s+(?P<name>\w+)\s*:={REST_OF_LINE})"
-    rf"|(?P<conf>Conf[LJ]\s*\\\s*(?:On|Off))\s*;"
-    r"|(?P<assigned>\w++)[\w.{}]*+\s*+:="
-    r"|(?P<harmless>(?:Set|Reset|Wait|TP|AccSet|VelSet|SingArea|Grip|Pulse|Incr|Decr|Clk|Conf|CONST"
-    r"|PERS|VAR|LOCAL|TASK)\w*)\b"
-    r"|(?P<flow>[A-Z_]\w*))",
-    re.IGNORECASE | re.MULTILINE,
+    r"\s*+(?P<text>"
+    r"(?P<routine>(?:LOCAL\s+)?(?:(?:PROC|TRAP)\s+\w+|FUNC\s+\w+\s+\w+)\b\s*(?:\([^)]*\))?)"
+    r"|%%%[^%]*%%%|MODULE\b[^\r\n]*|RECORD\s+\w+|(?:ELSE|ERROR|UNDO|BACKWARD|END(?:MODULE|PROC|FUNC"
+    r"|TRAP|IF|FOR|WHILE|TEST|RECORD))\b(?!\s*:?=)"
+    rf"|ELSEIF\b{UNTIL}\bTHEN\b|IF\b{UNTIL}(?:\bTHEN\b|;)|(?:FOR|WHILE)\b{UNTIL}\bDO\b"
+    rf"|TEST\b[^\r\n;]*|CASE\b(?:{STRING}|[^:\"])*:|DEFAULT\s*:|[A-Z_]\w*\s*:(?!=)"
+    rf"|(?:{STRING}|[^;\"])+;|[^\s]+)",
+    re.IGNORECASE,
 )
-NUMBER = re.compile(REAL, re.IGNORECASE)
-VALID_POSE = "[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[external axes]]"
-VALID_JOINTS = "[[j1,..,j6],[external axes]]"
-LITERALS = {"robtarget": VALID_POSE, "jointtarget": VALID_JOINTS}
-KNOWN_FRAMES = {"tool0": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)}
-KNOWN_FRAMES["wobj0"] = KNOWN_FRAMES["tool0"]
+FLOW = {
+    **{"ELSE": "else", "ELSEIF": "case", "ENDIF": "endif", "FOR": "loop", "WHILE": "loop"},
+    **{"ENDFOR": "endloop", "ENDWHILE": "endloop", "TEST": "switch", "CASE": "case"},
+    **{"DEFAULT": "else", "ENDTEST": "endif", "RETURN": "return", "EXIT": "return"},
+    **dict.fromkeys(("ERROR", "UNDO", "BACKWARD"), "handler"),
+    **dict.fromkeys(("RAISE", "RETRY", "TRYNEXT", "EXITCYCLE"), "return"),
+}
+DATA = re.compile(
+    r"(?:(?:LOCAL|TASK)\s+)*(?P<store>CONST|PERS|VAR)\s+(?P<type>\w+)\s+(?P<name>\w+)"
+    r"(?P<array>\s*\{[^}]*\})?\s*(?::=(?P<value>.*))?;",
+    re.IGNORECASE | re.DOTALL,
+)
+ASSIGNMENT = re.compile(r"(?P<name>[A-Z_]\w*)[\w.{}\s,+*-]*:=", re.IGNORECASE)
+MOTION = re.compile(
+    r"(?P<word>(?P<family>Move|Trigg|Arc|Search|Paint|Disp|Spot|Cap|Laser)(?P<form>L|J|C|AbsJ|ExtJ)"
+    r"(?P<more>DO|AO|GO|Sync|Start|End|IOs|[12])?|Ind[ACDR]Move|EGMMove[LC])(?=[\s\\])(?!\s*:?=)",
+    re.IGNORECASE,
+)
+PLACES = {"move": 3, "trigg": 4, "arc": 5}
+"""Word of a motion -> place of its tool among the arguments after the points, from 1."""
+HARMLESS = re.compile(
+    r"(?:Set(?:DO|AO|GO|AllDataVal|DataSearch)?|Reset|InvertDO|PulseDO|Wait(?!WObj)\w*|TP\w+|UI\w+"
+    r"|AccSet|VelSet|PathAccLim|WorldAccLim|SpeedRefresh|SingArea|CirPathMode|GripLoad|MechUnitLoad"
+    r"|Incr|Decr|Add|Clear|Clk\w+|Open|Close|Write\w*|Read\w+|Rewind|Err\w+|BookErrNo|Stop\w*|Break"
+    r"|Trigg(?:Equip|IO|Int|Speed|CheckIO|RampAO|Data\w+|Stop\w+)|I(?:Signal\w+|Delete|Enable"
+    r"|Disable|Timer|Sleep|Watch|Error|Pers|VarValue)|CONNECT|ActUnit|DeactUnit|Load|UnLoad"
+    r"|StartLoad|WaitLoad|Save|MotionSup|Socket\w+|ClearIOBuff|SystemStopAction|ProcerrRecovery"
+    r"|PathResol|GetSysData|ActEventBuffer|DeactEventBuffer|BitSet|BitClear|CorrCon|CorrDiscon|CorrClear"
+    r"|CorrWrite)\b"
+    r"|(?:ALIAS|LOCAL|TASK|CONST|PERS|VAR|MODULE|ENDMODULE|RECORD|ENDRECORD)\b",
+    re.IGNORECASE,
+)
+SETTING = re.compile(
+    r"(?P<word>PDisp|EOffs|Soft|ConfL|ConfJ|SyncMove)(?P<way>On|Off|Set|Act|Deact)?(?=[\s;\\])"
+    r"[\s\\]*(?P<switch>On|Off)?\b",
+    re.IGNORECASE,
+)
+STATE: dict[str, Any] = {
+    **{LAST: None, "pdisp": "", "eoffs": "", "soft": "", "syncmove": "", "other": ""},
+    **{"confl": True, "confj": True},
+}
+NEEDS = ("pdisp", "eoffs", "soft", "syncmove", "other")
+CALL = re.compile(r"(?<![\w\\])([A-Z_]\w*)\s*\(", re.IGNORECASE)
+LITERALS = {"robtarget": [3, 4, 4, 6], "jointtarget": [6, 6]}
+"""Type of a target -> counts of its numbers: position, quaternion, confdata, external axes."""
+CLOSE = {"[": "]", "(": ")", "{": "}"}
+KNOWN_FRAMES = dict.fromkeys(("tool0", "wobj0"), (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
 LARGEST_MM, UNIT_LENGTH_SLACK = 1e6, 1e-3
 """Limit of a frame's position, and tolerance of a quaternion's length, which is 1."""
+UNUSED_AXIS = 9e8
+"""External axes at or beyond this number (9E9) are not used."""
 
 
-@dataclass(frozen=True)
-class _Data:
-    """Declared data: the value, and the start of its statement."""
-
-    kind: str
-    value: Tree[Token] | Token
-    start: int
-    text: str
+def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
+    """Read the motions of a module."""
+    return _Reader(texts[0], harmless).reading
 
 
-def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
-    """Yield the motions of a module."""
-    (text,) = texts
-    data, assigned = _declarations(text)
-    frames: dict[str, Frame] = {}
-    binds, follows = {"L": True, "J": True}, False
-    for match in STATEMENT.finditer(text):
-        start, statement = match.start("text"), match["text"]
-        if match["motion"]:
-            for motion in _motions(match["motion"], statement, start, data, assigned, frames):
-                if isinstance(motion, LeftMotion):
-                    follows &= "helper" in motion.reason
-                    yield motion
-                    continue
-                is_bound = binds["L" if motion.is_linear else "J"]
-                config = motion.config if is_bound else ()
-                yield motion._replace(config=config, follows=follows)
-                follows = True
-        elif match["conf"]:
-            binds[match["conf"][4].upper()] = match["conf"].upper().endswith("ON")
-        elif match["flow"]:
-            follows = False
+class _Reader:
+    """Reads names first, then statements."""
 
+    def __init__(self, text: str, harmless: Collection[str]) -> None:
+        self.names, self.routines = Names(), {"": Routine("", entry="file")}
+        self.frames: dict[tuple[str, str, str], Any] = {}
+        self.harmless = {name.lower() for name in harmless}
+        self.constants, self.passed = set[tuple[str, str]](), list[tuple[str, str, str]]()
+        statements = [*self._by_routine(without_comments(text, COMMENT))]
+        for routine, start, statement in statements:
+            self._note_names(routine.name, start, statement)
+        for scope, name, call in self.passed:
+            place = scope if self.names.is_local(scope, name) else ""
+            if (place, name.lower()) not in self.constants:
+                self.names.assign(scope, name, None, f"may be changed by {call}")
+        self.names.finish()
+        for routine, start, statement in statements:
+            routine.items += self._items(routine.name, start, statement)
+        self.reading = Reading(self.routines, self.names, STATE)
 
-def _declarations(text: str) -> tuple[dict[str, _Data], set[str]]:
-    """Return data by name, and the names that the program assigns."""
-    data, assigned = {}, set[str]()
-    for match in STATEMENT.finditer(text):
-        if match["data"]:
-            start, kind = match.start("text"), match["type"].lower()
-            valid = LITERALS.get(kind, f"a literal {kind}")
-            value = parsed_statement(GRAMMAR, match["data"], start, valid).children[-1]
-            data[match["name"].lower()] = _Data(kind, value, start, match["data"])
-        elif match["assigned"]:
-            assigned.add(match["assigned"].lower())
-    return data, assigned
+    def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, str]]:
+        """Yield statements with their routines; "" is outside of routines."""
+        now = self.routines[""]
+        for match in STATEMENT.finditer(text):
+            statement, start = match["text"], match.start("text")
+            if head := match["routine"]:
+                name = re.split(r"[\s(]+", head.partition("(")[0].strip())[-1].lower()
+                is_trap = re.match(r"(LOCAL\s+)?TRAP\b", head, re.IGNORECASE)
+                now = Routine(name, entry="interrupt" if is_trap else "called")
+                now = self.routines.setdefault(name, now)
+                for part in re.split(r"[,|]", head.partition("(")[2].rstrip(") ")):
+                    words = part.partition("{")[0].replace("\\", " ").split()
+                    self.names.declare(name, words[-1] if words else "")
+                    self.names.assign(name, words[-1] if words else "", None, "is a parameter")
+            elif re.fullmatch(r"END(PROC|FUNC|TRAP)", statement, re.IGNORECASE):
+                now = self.routines[""]
+            else:
+                yield now, start, statement
 
-
-def _motions(
-    word: str,
-    text: str,
-    start: int,
-    data: Mapping[str, _Data],
-    assigned: set[str],
-    frames: dict[str, Frame],
-) -> Iterator[Target | LeftMotion]:
-    """Yield the helper point and the target of a motion."""
-    kind = word.lower()
-    if kind not in ("movel", "movej", "moveabsj", "movec"):
-        yield LeftMotion(start, text, f"{word} is not read (MoveL, MoveJ, MoveAbsJ and MoveC are)")
-        return
-    valid = f"{word} {VALID_JOINTS if kind == 'moveabsj' else 'p10'}, v100, z10, tool1;"
-    tree = parsed_statement(GRAMMAR, text, start, valid)
-    arguments = [*tree.find_pred(lambda node: node.data == "argument")]
-    arguments.sort(key=lambda node: part_place(node.children[0], 0))
-    if len(arguments) < 4 + (kind == "movec"):
-        raise StatementError(start, text, valid)
-    if kind == "movec":
-        yield LeftMotion(start, text, "helper point of a circular motion")
-    goal, last = arguments[1 if kind == "movec" else 0], arguments[-1]
-    place = part_place(goal.children[0], start)
-    value, offset, kind_of_data = goal.children[0], start, ""
-    if isinstance(value, Token):
-        name = str(value).strip()
-        if value.type != "NAME":
-            yield LeftMotion(start, text, f"target {name} is an expression")
+    def _note_names(self, routine: str, start: int, statement: str) -> None:
+        """Note what a statement does to names."""
+        if match := DATA.match(statement):
+            declared = None
+            if match["value"] and not match["array"]:
+                value = Statement(match["value"], start + match.start("value"))
+                declared = Declared(match["type"].lower(), value, (value.values or ((),))[0])
+            self.names.declare(routine, match["name"], declared)
+            self.names.note_sources(match["name"], match["value"] or "")
+            if match["store"].upper() == "CONST":
+                self.constants.add((routine, match["name"].lower()))
             return
-        declared = data.get(name.lower())
-        if declared is None or name.lower() in assigned:
-            reason = "is a variable" if declared is None else "is assigned in the program"
-            yield LeftMotion(start, text, f"target {name} {reason}")
+        text = statement[_compact(statement) :]
+        arguments = ""
+        if match := ASSIGNMENT.match(text):
+            self.names.assign(routine, match["name"], None, "is assigned in the program")
+            self.names.note_sources(match["name"], text[match.end() :])
+        first = re.match(r"[%\w]*", text)[0]  # type: ignore[index]
+        if not (match or MOTION.match(text) or HARMLESS.match(text) or first.upper() in FLOW):
+            arguments = text[len(first) :]
+        for call in CALL.finditer(text):
+            if call[1].lower() in self.routines:
+                arguments += text[call.start() :]
+        self.passed += [(routine, word, first or text[:20]) for word in WORD.findall(arguments)]
+
+    def _items(self, routine: str, start: int, statement: str) -> Iterator[Any]:
+        """Yield the items of a statement."""
+        word = re.match(r"\w*", statement)[0].upper()  # type: ignore[index]
+        short = " ".join(statement.split())[:60]
+        if compact := _compact(statement):
+            yield from self._calls(statement[:compact])
+            yield Jump("if")
+            yield from self._items(routine, start + compact, statement[compact:])
+            yield Jump("endif")
             return
-        value, offset, kind_of_data = declared.value, declared.start, declared.kind
-    has_joints = kind == "moveabsj"
-    expected_kind = "jointtarget" if has_joints else "robtarget"
-    if kind_of_data and kind_of_data != expected_kind:
-        raise StatementError(start, text, f"a {expected_kind}, {LITERALS[expected_kind]}")
-    rows = _rows(value, offset, text, expected_kind)
-    tool_option = last.children[0]
-    base = "wobj0"
-    for option in last.children[1:]:
-        if isinstance(option, Tree) and str(option.children[0]).lower() == "wobj":
-            base = str(option.children[1]).strip()
-    yield Target(
-        start,
-        start + len(text),
-        *place,
-        is_linear=kind == "movel",
-        follows=False,
-        has_joints=has_joints,
-        numbers=rows[0] if has_joints else (*rows[0], *rows[1]),
-        config=() if has_joints or kind == "movec" else rows[2],
-        base=_frame(base, "wobjdata", data, frames),
-        tool=_frame(str(tool_option).strip(), "tooldata", data, frames),
-    )
+        if match := MOTION.match(statement):
+            yield self._motion(routine, start, statement, match)
+            return
+        yield from self._calls(statement)
+        if ASSIGNMENT.match(statement) or DATA.match(statement) or not statement.strip(" ;"):
+            return
+        label = re.fullmatch(r"([A-Z_]\w*)\s*:", statement, re.IGNORECASE)
+        if word in ("IF", *FLOW):
+            yield Jump(FLOW.get(word, "if"))
+        elif label:
+            yield Jump("label", label[1].lower())
+        elif word == "GOTO":
+            yield Jump("goto", statement[4:].strip(" ;\r\n\t").lower())
+        elif match := SETTING.match(statement):
+            yield _setting(match, short)
+        elif word.lower() in self.routines:
+            yield Call(word.lower())
+        elif not HARMLESS.match(statement) and word.lower() not in self.harmless:
+            point = Statement(statement[len(word) :].rstrip(" ;\r\n\t"), start + len(word))
+            goals = [self._goal(routine, point, value, "") for value in point.values[:2]]
+            if routine and not all(goal.reason for goal in goals):
+                reason = f"{word} is not read"
+                yield Motion(start, start + len(statement), routine, "linear", reason=reason)
+            yield Setting(lost_state(STATE, f"not read: {short}"))
+
+    def _calls(self, statement: str) -> Iterator[Any]:
+        """Yield calls of functions of this file."""
+        for call in CALL.finditer(statement):
+            if call[1].lower() in self.routines:
+                yield from (Jump("if"), Call(call[1].lower()), Jump("endif"))
+
+    def _motion(self, routine: str, start: int, text: str, match: re.Match[str]) -> Motion:
+        """Return a motion with its points."""
+        form, family = (match["form"] or "").lower(), (match["family"] or "").lower()
+        kind = "circle" if form == "c" else "joint" if form.endswith("j") else "linear"
+        motion = Motion(start, start + len(text), routine, kind, needs=NEEDS)
+        is_read = (
+            family in PLACES
+            and form != "extj"
+            and (match["more"] or "").lower()
+            not in (
+                "sync",
+                "ios",
+            )
+        )
+        statement = Statement(text[match.end() :].rstrip(" ;\r\n\t"), start + match.end())
+        values = [*statement.values]
+        while values and statement.word(values[0]).startswith("\\"):
+            values.pop(0)  # MoveL \Conc, p10, ...
+        n_points = 1 + (kind == "circle")
+        if not is_read or len(values) < n_points + PLACES[family]:
+            motion.reason = f"{match['word']} {'cannot be' if is_read else 'is not'} read"
+            return motion
+        expected = "robtarget"
+        if form == "absj":
+            expected, motion.needs = "jointtarget", ()
+        else:
+            motion.config_key = "confj" if kind == "joint" else "confl"
+        points = values[:n_points]
+        motion.goals = tuple(self._goal(routine, statement, point, expected) for point in points)
+        tool, *options = _words(statement, values[n_points + PLACES[family] - 1])
+        named = dict(option.lower().partition(":=")[::2] for option in options)
+        if "corr" in named:
+            motion.reason = "moved by \\Corr"
+        motion.tool = self._frame(routine, tool, "tooldata")
+        motion.base = self._frame(routine, named.get("wobj", "wobj0"), "wobjdata")
+        return motion
+
+    def _goal(self, routine: str, statement: Statement, value: Any, expected: str) -> Goal:
+        """Return a point: an array of numbers, or a name that has one."""
+        name, *_ = _words(statement, value)
+        kind, literal = expected, value[:1]
+        if name != "[..]":
+            declared, cause = self.names.find(routine, name)
+            if declared is None:
+                cause = cause if WORD.fullmatch(name) else "is an expression"
+                return Goal(reason=f"target {name} {cause}")
+            statement, literal, kind = declared.statement, declared.value, declared.kind
+        rows = [statement.numbers(row, "[") or [] for row in statement.group(literal, "[") or ()]
+        kind, sizes = kind or "robtarget", [len(row) for row in rows]
+        if kind != (expected or kind) or kind not in LITERALS or sizes != LITERALS[kind]:
+            return Goal(reason=f"the target is no literal {expected}")
+        axes = tuple(np.nan if abs(axis.value) > UNUSED_AXIS else axis.value for axis in rows[-1])
+        if kind == "jointtarget":
+            return Goal(tuple(rows[0]), True, (), axes)
+        length = math.hypot(*(number.value for number in rows[1]))
+        if not abs(length - 1.0) <= UNIT_LENGTH_SLACK:
+            return Goal(reason=f"its quaternion has the length {length:.4g}, not 1")
+        return Goal((*rows[0], *rows[1]), False, tuple(rows[2]), axes)
+
+    def _frame(self, routine: str, name: str, kind: str) -> Any:
+        """Return a tool or work object by name."""
+        key = (routine if self.names.is_local(routine, name) else "", name.lower(), kind)
+        if key[1] in KNOWN_FRAMES:
+            return Frame(name, KNOWN_FRAMES[key[1]])
+        if key not in self.frames:
+            declared, cause = self.names.find(routine, name)
+            if not WORD.fullmatch(name):
+                self.frames[key] = Unknown(f"{kind} {name} is an expression")
+            elif declared is None and not self.names.is_used(routine, name):
+                self.frames[key] = Frame(name)  # of another module
+            elif declared is None or declared.kind != kind:
+                self.frames[key] = Unknown(f"{kind} {name} {cause or f'is no {kind}'}")
+            else:
+                self.frames[key] = _frame_of(name, declared)
+        return self.frames[key]
 
 
-def _rows(value: Tree[Token] | Token, start: int, text: str, kind: str) -> list[list[Number]]:
-    """Return the rows of numbers of a robtarget or jointtarget."""
-    rows = [_numbers(row, start) for row in _inner(value)]
-    counts = [6, 6] if kind == "jointtarget" else [3, 4, 4, 6]
-    if [len(row) for row in rows] != counts:
-        raise StatementError(start, text, LITERALS[kind])
-    if kind == "robtarget":
-        _check_quaternion([number.value for number in rows[1]], start, text)
-    return rows
+def _setting(match: re.Match[str], short: str) -> Setting:
+    """Return the effect of an instruction that sets the state."""
+    word, way = match["word"].lower(), (match["way"] or match["switch"] or "").lower()
+    unknown = Unknown(f"moved by {short}")
+    if word.startswith("conf"):
+        return Setting({word: {"on": True, "off": False}.get(way, unknown)})
+    return Setting({word: "" if way in ("off", "deact") else unknown})
 
 
-def _check_quaternion(values: Sequence[float], start: int, text: str) -> None:
-    length = math.hypot(*values)
-    if not abs(length - 1.0) <= UNIT_LENGTH_SLACK:  # also rejects NaN
-        raise StatementError(start, text, f"a quaternion of length 1, here {length:.4g}")
-
-
-def _inner(value: Tree[Token] | Token) -> list[Tree[Token] | Token]:
-    """Return the items of an array without brackets; [] for another value."""
-    return value.children[1:-1] if isinstance(value, Tree) else []
-
-
-def _numbers(value: Tree[Token] | Token, start: int) -> list[Number]:
-    """Return the numbers of a literal list; [] for another value."""
-    if isinstance(value, Tree) or value.type != "NUMBERS":
-        return []
-    place, _ = part_place(value, start)
-    return [
-        Number(float(number[0]), place + number.start(), place + number.end())
-        for number in NUMBER.finditer(value)
+def _words(statement: Statement, value: Any) -> list[str]:
+    """Return the words of a value between backslashes, with its groups as "[..]"."""
+    texts = [
+        statement.tokens[item][0]
+        if isinstance(item, int)
+        else f"{item.bracket}..{CLOSE[item.bracket]}"
+        for item in value
     ]
+    return "".join(texts).split("\\")
 
 
-def _frame(name: str, kind: str, data: Mapping[str, _Data], frames: dict[str, Frame]) -> Frame:
-    """Return a tool or work object by name; without values if it is not in the module."""
-    key = name.lower()
-    if key in KNOWN_FRAMES:
-        return Frame(name, KNOWN_FRAMES[key])
-    if key not in frames:
-        declared = data.get(key)
-        is_literal = declared is not None and declared.kind == kind
-        frames[key] = Frame(name, _frame_values(declared) if is_literal and declared else ())
-    return frames[key]
+def _compact(statement: str) -> int:
+    """Return where the instruction of a one-line IF begins; 0: it is none."""
+    if not re.match(r"IF\b", statement, re.I) or re.search(r"\bTHEN\s*$", statement, re.I):
+        return 0
+    depth, is_operand = 0, False
+    for token in re.finditer(rf"{STRING}|[\w.$]+|[^\s\w]", statement[2:]):
+        text = token[0]
+        if text in "([{" or text in ")]}":
+            depth += 1 if text in "([{" else -1
+            is_operand = text in ")]}"
+        elif re.match(r"[\w\"$]", text):
+            is_operator = text.upper() in ("AND", "OR", "NOT", "XOR", "DIV", "MOD")
+            if is_operand and not is_operator and not depth:
+                return token.start() + 2
+            is_operand = not is_operator
+        else:
+            is_operand = False
+    return 0
 
 
-def _frame_values(declared: _Data) -> tuple[float, ...]:
+def _frame_of(name: str, declared: Declared) -> Any:
     """Return position and quaternion of literal tooldata or wobjdata."""
-    items = _inner(declared.value)
-    poses = [
-        np.array([number.value for row in _inner(item) for number in _numbers(row, 0)])
-        for item in items
-        if isinstance(item, Tree) and len(_inner(item)) == 2
-    ]
-    is_tool_data = declared.kind == "tooldata"
-    robot_holds = str(items[0]).strip().upper()
-    sizes = [7] if is_tool_data else [7, 7]
-    if [len(pose) for pose in poses] != sizes or robot_holds != (
-        "TRUE" if is_tool_data else "FALSE"
-    ):
-        valid = "a tool on the robot" if is_tool_data else "a work object that does not move"
-        raise StatementError(declared.start, declared.text, f"{valid}, all numbers literal")
+    statement, is_tool = declared.statement, declared.kind == "tooldata"
+    values = statement.group(declared.value, "[") or ()
+    words = [statement.word(value).upper() for value in values]
+    poses, valid = [], "a tool on the robot" if is_tool else "a work object that does not move"
+    for value in values:
+        rows = [statement.numbers(row, "[") or [] for row in statement.group(value, "[") or ()]
+        if [len(row) for row in rows] == [3, 4]:
+            poses.append([number.value for row in rows for number in row])
+    expected = ["TRUE"] if is_tool else ["FALSE", "TRUE"]
+    if len(poses) != (1 if is_tool else 2) or words[: len(expected)] != expected:
+        return Unknown(f"{declared.kind} {name} is not {valid}, all numbers literal")
     position, turn = np.zeros(3), np.eye(3)
-    for pose in poses:
-        if not np.abs(pose).max() <= LARGEST_MM:
-            valid = f"numbers within +-{LARGEST_MM:g}"
-            raise StatementError(declared.start, declared.text, valid)
-        _check_quaternion(pose[3:].tolist(), declared.start, declared.text)
+    for pose in np.array(poses):
+        length = float(np.linalg.norm(pose[3:]))
+        if not np.abs(pose).max() <= LARGEST_MM or not abs(length - 1.0) <= UNIT_LENGTH_SLACK:
+            return Unknown(f"{declared.kind} {name} has a number beyond the limits")
         position = position + turn @ pose[:3]
         turn = turn @ quaternion_rotations(pose[None, 3:])[0]
-    return (*position.tolist(), *quaternions(turn[None])[0].tolist())
+    return Frame(name, (*position.tolist(), *quaternions(turn[None])[0].tolist()))
 
 
 def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
@@ -267,14 +359,14 @@ def configurations(signs: FloatArray, angles: FloatArray) -> FloatArray:
 
 LANGUAGE = Language(
     name="RAPID",
-    companion="",
     metres=1e-3,
     radians=float(np.pi / 180.0),
     n_turns=4,
-    decimals=(4, 5, 9),
+    decimals=(4, 5),
     read=read,
     to_rotations=quaternion_rotations,
     configurations=configurations,
     config_names=("cf1", "cf4", "cf6", "cfx"),
     config_of_linear=True,
+    external_names=("eax_a", "eax_b", "eax_c", "eax_d", "eax_e", "eax_f"),
 )

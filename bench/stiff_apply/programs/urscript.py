@@ -8,164 +8,298 @@ configuration of the previous joint angles.
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any
 
-from lark import Token, Tree
-
-from stiff_apply.programs.program_file import (
-    NO_FRAME,
+from stiff_apply.programs.flow import (
+    LAST,
+    Call,
     Frame,
-    Language,
-    LeftMotion,
-    Number,
-    StatementError,
-    Target,
+    Jump,
+    Routine,
+    Setting,
+    Unknown,
+    lost_state,
 )
-from stiff_apply.programs.statements import number_of, parsed_statement, part_place
+from stiff_apply.programs.program import NO_FRAME, Goal, Language, Motion, Reading
+from stiff_apply.programs.statements import Declared, Names, Statement, without_comments
 from stiff_datasets.measured.rotations import vector_rotations
 
-GRAMMAR = r"""
-start: call | assignment
-call: CALL argument ("," argument)* ")"
-assignment: SCOPE? NAME "=" value
-argument: (NAME "=")? value
-?value: pose | joints | NUMBER | NAME | EXPRESSION | OTHER
-pose: POSE_OPEN value ("," value)* CLOSE
-joints: OPEN value ("," value)* CLOSE
-
-SCOPE.3: /(global|local)\b/
-CALL.3: /(movel|movej|movep|movec|set_tcp)\s*\(/
-POSE_OPEN.3: /p\s*\[/
-OPEN: "["
-CLOSE: "]"
-NUMBER.2: /[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?(?=\s*[,\])]|\s*$)/i
-EXPRESSION.1: /[A-Za-z_]\w*\s*(\((?:[^()]|\([^()]*\))*\)|\[[^\]]*\])/
-NAME: /[A-Za-z_]\w*/
-OTHER.-1: /[^\s\[\],()=][^\[\],()=]*/
-%ignore /\s+/
-"""
-CALLS = r"\((?:[^()#\r\n]|\((?:[^()#\r\n]|\([^()#\r\n]*+\))*+\))*+\)"
-STATEMENT = re.compile(
-    r"^[ \t]*(?P<text>"
-    rf"(?P<motion>(?:move|servo|speed|force|path_)(?:[a-z]\w*)?)[ \t]*{CALLS}"
-    rf"|(?P<tcp>set_tcp[ \t]*{CALLS})"
-    r"|(?P<data>(?:(?:global|local)[ \t]+)?(?P<name>\w+)[ \t]*=(?!=)[^#\r\n]*)"
-    r"|(?P<flow>(?:if|elif|else|end|while|for|def|thread|return|break|goto)\b"
-    r"|(?!set_|sleep|sync|textmsg|popup|write_|stop)\w+[ \t]*\())",
-    re.MULTILINE,
+COMMENT = re.compile(r"\"[^\"\r\n]*\"|#[^\r\n]*")
+BREAK = re.compile(r"\"[^\"\r\n]*\"|[\[({]|[\])}]|[\r\n]+|$")
+NEXT = re.compile(
+    r"\s*(?:(?:move|servo|speed|optimove)[a-z]*\s*\(|set_tcp\s*\(|(?:def|thread|end|if|elif|else"
+    r"|while|global|local|return)\b|\w+\s*=(?!=))"
 )
-VALID = "p[x,y,z,rx,ry,rz] in m and rad, or [q1,..,q6] in rad"
+"""Begin of a statement: brackets before it were not closed."""
+HEAD = re.compile(r"(?P<word>if|elif|else|while|for|def|thread|switch|case|default)\b")
+FLOW = {
+    **{"if": "if", "elif": "case", "else": "else", "while": "loop", "for": "loop"},
+    **{"switch": "switch", "case": "case", "default": "else", "break": "break"},
+    **{"continue": "continue", "return": "return", "halt": "return"},
+}
+ASSIGNMENT = re.compile(
+    r"(?:(?P<scope>global|local)\s+)?(?P<name>\w+)(?P<part>(?:\[[^\]]*\]|\.\w+)*)\s*=(?!=)"
+)
+MOTION = re.compile(
+    r"(?P<word>(?:move|servo|speed|optimove)[a-z]*)\s*\((?P<arguments>.*)", re.DOTALL
+)
+KINDS = {"movel": "linear", "movep": "linear", "movec": "circle", "movej": "joint"}
+JOINT_MOTIONS = ("servoj", "speedj", "optimovej")
+POINTS = ("pose", "q", "pose_via", "pose_to")
+"""Names of the arguments that are points."""
+CALL = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*\(")
+FUNCTIONS = re.compile(
+    r"(?:get|is|read|write|socket|rtde|modbus|rpc|pose|str|to|request|zero|encoder|freedrive|tool"
+    r"|enable|disable|end_freedrive|set_(?:standard|configurable|tool|digital|analog|flag|payload"
+    r"|target_payload|gravity|input|runstate|euromap|safety|baselight))_?\w*"
+    r"|interpolate_pose|wrench_trans|point_dist|inv|norm|normalize|dot|cross|length|size|floor|ceil"
+    r"|sqrt|a?sin|a?cos|a?tan2?|exp|log|pow|abs|d2r|r2d|random|num_to_str|struct|make_list"
+    r"|binary_list_to_integer|integer_to_binary_list|list_\w+|assert|sleep|sync|textmsg|popup"
+    r"|stop[jl]|stopjl|force|halt|powerdown|time|protective_stop|position_deviation_warning"
+    r"|reset_revolution_counter|program_extension_\w+|and|or|not|xor|if|elif|while|return"
+)
+EFFECTS = {
+    **{"force_mode": ("force", True), "end_force_mode": ("force", False)},
+    **{"track_conveyor_linear": ("conveyor", True), "track_conveyor_circular": ("conveyor", True)},
+    **{"stop_conveyor_tracking": ("conveyor", False), "path_offset_enable": ("offset", True)},
+    **{"path_offset_set": ("offset", True), "path_offset_disable": ("offset", False)},
+    **{"force_mode_set_damping": ("none", False), "force_mode_set_gain_scaling": ("none", False)},
+    **{
+        "path_offset_set_alpha_filter": ("none", False),
+        "path_offset_set_max_offset": ("none", False),
+    },
+}
+"""Function -> key of the state, and whether motions are moved after it."""
+NEEDS = ("force", "conveyor", "offset", "other")
+STATE: dict[str, Any] = {LAST: None, "tool": Frame("set_tcp"), **dict.fromkeys(NEEDS, "")}
 
 
-def _parsed(text: str, start: int) -> Tree[Token]:
-    """Return the tree of a statement; StatementError if it cannot be read."""
-    return parsed_statement(GRAMMAR, text, start, f"e.g. movel({VALID}, a=1.2, v=0.25)")
+def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
+    """Read the motions of a program."""
+    return _Reader(texts[0], harmless).reading
 
 
-def read(texts: Sequence[str]) -> Iterator[Target | LeftMotion]:
-    """Yield the motions of a program."""
-    (text,) = texts
-    data = dict(_declarations(text))
-    tool, follows = Frame("set_tcp", ()), False
-    for match in STATEMENT.finditer(text):
-        start, statement = match.start("text"), match["text"]
-        if match["motion"]:
-            for motion in _motions(match["motion"], statement, start, data):
-                if isinstance(motion, LeftMotion):
-                    follows &= "helper" in motion.reason
-                    yield motion
-                else:
-                    yield motion._replace(tool=tool, follows=follows)
-                    follows = True
-        elif match["tcp"]:
-            value = _value(_parsed(statement, start).children[1])
-            numbers = _numbers(value, start) if isinstance(value, Tree) else None
-            if isinstance(value, Tree) and numbers is None:
-                raise StatementError(start, statement, "set_tcp(p[x,y,z,rx,ry,rz])")
-            tool = Frame("set_tcp", tuple(number.value for number in numbers or ()))
-        elif match["flow"]:
-            follows = False
+class _Reader:
+    """Reads names first, then statements."""
 
+    def __init__(self, text: str, harmless: Collection[str]) -> None:
+        self.names, self.routines = Names(takes_single=True), {"": Routine("", entry="file")}
+        self.harmless = {*harmless}
+        statements = [*self._by_routine(without_comments(text, COMMENT))]
+        for routine, start, statement in statements:
+            self._note_names(routine.name, start, statement)
+        self.names.finish()
+        for routine, start, statement in statements:
+            routine.items += self._items(routine.name, start, statement)
+        self.reading = Reading(self.routines, self.names, STATE)
 
-def _declarations(text: str) -> Iterator[tuple[str, tuple[Tree[Token], int]]]:
-    """Yield names assigned only once, with their literal pose or joint angles."""
-    matches = [match for match in STATEMENT.finditer(text) if match["data"]]
-    counts = Counter(match["name"] for match in matches)
-    for match in matches:
-        literal = re.search(r"=\s*(p\s*)?\[", match["data"])
-        if counts[match["name"]] == 1 and literal:
-            start = match.start("text")
-            value = _parsed(match["data"], start).children[-1]
-            if isinstance(value, Tree):
-                yield match["name"], (value, start)
+    def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, Any]]:
+        """Yield statements with their routines; ends of blocks are jumps."""
+        stack = [(self.routines[""], "")]
+        for start, statement in _statements(text):
+            now, word = stack[-1][0], ""
+            if head := HEAD.match(statement):
+                word = head["word"]
+            if word in ("def", "thread"):
+                match = re.match(r"\w+\s+(\w+)\s*\(?([^)]*)", statement)
+                name = match[1] if match else "?"
+                routine = self.routines.setdefault(name, Routine(name))
+                for part in match[2].split(",") if match else ():
+                    parameter = part.partition("=")[0].strip()
+                    self.names.declare(name, parameter)
+                    self.names.assign(name, parameter, None, "is a parameter")
+                stack.append((routine, word))
+            elif re.fullmatch(r"end", statement):
+                opened = stack.pop()[1] if len(stack) > 1 else "?"
+                if opened not in ("def", "thread"):
+                    yield now, start, Jump("endloop" if opened in ("while", "for") else "endif")
+            else:
+                if word in ("if", "while", "for", "switch"):
+                    stack.append((now, word))
+                yield now, start, statement
 
-
-def _motions(
-    word: str, text: str, start: int, data: Mapping[str, tuple[Tree[Token], int]]
-) -> Iterator[Target | LeftMotion]:
-    """Yield the helper point and the target of a motion."""
-    if word not in ("movel", "movej", "movep", "movec"):
-        reason = f"{word} is not read (movel, movej, movep and movec are)"
-        yield LeftMotion(start, text, reason)
-        return
-    arguments = _parsed(text, start).children[1:]
-    if word == "movec":
-        yield LeftMotion(start, text, "helper point of a circular motion")
-    if len(arguments) <= (word == "movec"):
-        raise StatementError(start, text, f"{word}({VALID}, ...)")
-    value = _value(arguments[word == "movec"])
-    place, offset = part_place(value, start), start
-    if isinstance(value, Token):
-        name = value.strip()
-        if value.type != "NAME" or name not in data:
-            reason = "a variable" if value.type == "NAME" else "an expression"
-            yield LeftMotion(start, text, f"target {name} is {reason}")
+    def _note_names(self, routine: str, start: int, statement: Any) -> None:
+        """Note what a statement does to names."""
+        if isinstance(statement, Jump):
             return
-        value, offset = data[name]
-    numbers = _numbers(value, offset)
-    if numbers is None:
-        yield LeftMotion(start, text, "the target has an expression")
+        if match := ASSIGNMENT.match(statement):
+            text = statement[match.end() :].strip()
+            value = Statement(text, start + len(statement) - len(statement[match.end() :].lstrip()))
+            is_literal = len(value.values) == 1 and re.match(r"p?\s*\[|struct\s*\(", text)
+            literal = Declared("", value, value.values[0]) if is_literal else None
+            if match["scope"] == "local":
+                self.names.declare(routine, match["name"])
+            whole = None if match["part"] else literal
+            self.names.assign(routine, match["name"], whole, "is a variable")
+            self.names.note_sources(match["name"], text)
+        for call in CALL.finditer(statement):
+            if call[1] in self.routines:
+                for parameter in self.names.parameters(call[1]):
+                    self.names.note_sources(parameter, statement[call.end() :])
+
+    def _items(self, routine: str, start: int, statement: Any) -> Iterator[Any]:
+        """Yield the items of a statement."""
+        if isinstance(statement, Jump):
+            yield statement
+            return
+        where = f"not read: {' '.join(statement.split())[:60]}"
+        word = re.match(r"\w*", statement)[0]  # type: ignore[index]
+        if statement.startswith("$"):
+            return
+        if match := MOTION.match(statement):
+            yield self._motion(routine, start, statement, match)
+            return
+        is_call = re.match(r"\w+\s*\(", statement)
+        if is_call and word == "set_tcp":
+            yield Setting({"tool": self._tool(routine, statement, where)})
+            return
+        for call in CALL.finditer(statement):
+            name, is_sure = call[1], call.start() == 0
+            if name in self.routines:
+                yield from [Jump("if")] * (not is_sure)
+                yield Call(name)
+                yield from [Jump("endif")] * (not is_sure)
+            elif name in EFFECTS:
+                key, moves = EFFECTS[name]
+                yield Setting({key: Unknown(f"moved by {name}") if moves else ""})
+            elif name not in self.harmless and not FUNCTIONS.fullmatch(name):
+                yield Setting(lost_state(STATE, where))
+        if word in FLOW and not ASSIGNMENT.match(statement):
+            yield Jump(FLOW[word])
+        elif not (
+            is_call
+            or ASSIGNMENT.match(statement)
+            or word in ("run", "join", "kill", "pass")
+            or word in ("enter_critical", "exit_critical", "global", "local")
+        ):
+            yield Setting(lost_state(STATE, where))
+
+    def _tool(self, routine: str, statement: str, where: str) -> Any:
+        """Return the tool of set_tcp(..)."""
+        values = Statement(statement[statement.index("(") + 1 :].rstrip(") \t\r\n") + " ", 0)
+        text = next(values.parts(), ("", 0))[0].strip()
+        text = text + "]" * (text.count("[") - text.count("]"))
+        content = Statement(re.sub(r"^pose\s*=\s*", "", text), 0)
+        value = content.values[0] if len(content.values) == 1 else ()
+        name = content.name(value) if value else ""
+        if name:
+            declared, _ = self.names.find(routine, name)
+            if declared is None and not self.names.is_used(routine, name):
+                return Frame(name)
+            if declared is None:
+                return Unknown(where)
+            content, value = declared.statement, declared.value
+        numbers = content.numbers(value, "[", "p") or []
+        if len(numbers) != 6:
+            return Unknown(where)
+        return Frame("set_tcp", tuple(number.value for number in numbers))
+
+    def _motion(self, routine: str, start: int, text: str, match: re.Match[str]) -> Motion:
+        """Return a motion with its points."""
+        word = match["word"]
+        kind = KINDS.get(word, "joint" if word in JOINT_MOTIONS else "linear")
+        base = Frame("base", NO_FRAME)
+        motion = Motion(start, start + len(text), routine, kind, base=base, needs=NEEDS)
+        arguments = match["arguments"].rstrip()
+        whole = Statement(f"({arguments}", start + match.start("arguments") - 1)
+        if word not in KINDS or not whole.is_closed or not arguments.endswith(")"):
+            motion.reason = f"{word} {'cannot be' if word in KINDS else 'is not'} read"
+            return motion
+        points = []
+        for part, place in Statement(arguments[:-1], whole.start + 1).parts():
+            keyword = re.match(r"\s*(\w+)\s*=(?!=)\s*", part)
+            content = part[keyword.end() :] if keyword else part
+            if keyword and keyword[1] not in POINTS:
+                continue
+            points.append((content.strip(), place + len(part) - len(content.lstrip())))
+        n_points = 1 + (kind == "circle")
+        if len(points) < n_points:
+            motion.reason = "cannot be read"
+            return motion
+        motion.goals = tuple(self._goal(routine, Statement(*point)) for point in points[:n_points])
+        return motion
+
+    def _goal(self, routine: str, statement: Statement) -> Goal:
+        """Return a point: a pose, joint angles, or a name that has one."""
+        value = statement.values[0] if len(statement.values) == 1 else ()
+        text = " ".join(statement.text.split())[:60]
+        name, field = statement.name(value) if value else "", ""
+        if name:
+            declared, cause = self.names.find(routine, name)
+            name, _, field = name.partition(".")
+            if declared is None or "[" in name:
+                return Goal(reason=f"target {text} {cause or 'is an expression'}")
+            statement, value = declared.statement, declared.value
+        if field:
+            fields = {
+                part.partition("=")[0].strip(): (part.partition("=")[2], place + part.find("=") + 1)
+                for part, place in _inside(statement).parts()
+            }
+            statement = Statement(*fields.get(field, ("", 0)))
+            value = statement.values[0] if len(statement.values) == 1 else ()
+        pose, joints = statement.numbers(value, "[", "p"), statement.numbers(value, "[")
+        numbers = pose or joints or []
+        if len(numbers) != 6:
+            return Goal(reason=f"target {text} is an expression, or not six numbers")
+        return Goal(tuple(numbers), pose is None)
+
+
+def _inside(statement: Statement) -> Statement:
+    """Return what is in the brackets of struct(..)."""
+    begin = statement.text.find("(") + 1
+    return Statement(statement.text[begin:].rstrip()[:-1], statement.start + begin)
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the statements of a text, with their places; brackets may go over several lines."""
+    depth, begin = 0, 0
+    for match in BREAK.finditer(text):
+        character = match[0][:1]
+        depth += (character in "[({" and character != "") - (character in "])}" and character != "")
+        depth = max(depth, 0)
+        if character in ("\r", "\n", "") and (
+            not depth or not character or NEXT.match(text, match.end())
+        ):
+            yield from _split(text[begin : match.start()], begin)
+            depth, begin = 0, match.end()
+
+
+def _split(text: str, start: int, is_line: bool = True) -> Iterator[tuple[int, str]]:
+    """Yield the statements of a line: `if a: movel(p) end` has three."""
+    start, text = start + len(text) - len(text.lstrip()), text.strip()
+    if not text:
         return
-    if len(numbers) != 6:
-        raise StatementError(start, text, f"6 numbers, {VALID}")
-    yield Target(
-        start,
-        start + len(text),
-        *place,
-        is_linear=word in ("movel", "movep"),
-        follows=False,
-        has_joints=value.data == "joints",
-        numbers=numbers,
-        config=(),
-        base=Frame("base", NO_FRAME),
-        tool=Frame("set_tcp", ()),
-    )
-
-
-def _value(argument: Tree[Token] | Token) -> Tree[Token] | Token:
-    """Return the value of an argument of a call."""
-    return argument.children[-1] if isinstance(argument, Tree) else argument
-
-
-def _numbers(value: Tree[Token] | Token, start: int) -> list[Number] | None:
-    """Return the numbers of a pose or of joint angles; None if one is an expression."""
-    tokens = value.children[1:-1] if isinstance(value, Tree) else []
-    numbers = []
-    for token in tokens:
-        if isinstance(token, Tree) or token.type != "NUMBER":
-            return None
-        numbers.append(number_of(token, start))
-    return numbers
+    depth, end = 0, len(text)
+    head = HEAD.match(text)
+    for match in re.finditer(r"\"[^\"]*\"|[\[({]|[\])}]|:|\s+(?=[A-Za-z_])", text):
+        character = match[0][0]
+        depth += (character in "[({") - (character in "])}")
+        if depth or character == '"':
+            continue
+        if head and character == ":":
+            end = match.end()
+            break
+        follows = re.match(r"(?!(?:and|or|not|xor)\b)\w+", text[match.end() :])
+        is_closed = text[: match.start()].rstrip()[-1:] in ")]" or text[: match.start()] == "end"
+        if (
+            character.isspace()
+            and not head
+            and follows
+            and (follows[0] in ("end", "else", "elif") or (is_closed and not is_line))
+        ):
+            end = match.end()
+            break
+    yield start, text[:end].strip()
+    yield from _split(text[end:], start + end, is_line and not head)
 
 
 LANGUAGE = Language(
     name="URScript",
-    companion="",
     metres=1.0,
     radians=1.0,
     n_turns=3,
-    decimals=(7, 7, 7),
+    decimals=(7, 7),
     read=read,
     to_rotations=vector_rotations,
     configurations=None,

@@ -298,16 +298,16 @@ def with_missing_columns(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
     return replace(sheet, cells=sheet.cells.assign(**absent))
 
 
-def row_ranges(rows: Iterable[int]) -> str:
-    """Return row numbers as text: runs as "2-152", and at most ten runs."""
+def row_ranges(rows: Iterable[int], most: int | None = MAX_RUNS_SHOWN) -> str:
+    """Return row numbers as text: runs as "2-152", and at most ten runs, or `most`."""
     runs: list[list[int]] = []
     for row in rows:
         if runs and row == runs[-1][-1] + 1:
             runs[-1][1:] = [row]
         else:
             runs.append([row])
-    listed = ", ".join("-".join(map(str, run)) for run in runs[:MAX_RUNS_SHOWN])
-    hidden = sum(run[-1] - run[0] + 1 for run in runs[MAX_RUNS_SHOWN:])
+    listed = ", ".join("-".join(map(str, run)) for run in runs[:most])
+    hidden = sum(run[-1] - run[0] + 1 for run in runs[len(runs) if most is None else most :])
     return listed + (f" and {hidden} more" if hidden else "")
 
 

@@ -294,8 +294,13 @@ class GeometryModel(FittedModel):
         `predict` returns the deflection of the measured point. For a rigid tool, the model's
         equation at the TCP also holds. Arguments and errors are the same as for `predict`.
         """
+        return self.predict_at_point(q, wrench, self.robot_.tcp)
+
+    def predict_at_point(self, q: FloatArray, wrench: FloatArray, point: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] of a point of the tool; see `StiffnessModel`."""
         q, wrench = self._checked(q, wrench)
-        return self._deflection(self.robot_, q, wrench) if len(q) else np.empty((0, 3))
+        robot = replace(self.robot_, tcp=point)
+        return self._deflection(robot, q, wrench) if len(q) else np.empty((0, 3))
 
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         robot, wrench = self._at_measured_point(q, wrench)

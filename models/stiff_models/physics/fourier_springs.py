@@ -14,7 +14,7 @@ m.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -69,8 +69,15 @@ class FourierSprings(FittedModel):
         """Return the (n, n_joints) compliances [rad/(N m) or m/N] at (n, n_joints) positions."""
         return np.asarray(_terms(self.robot_, q) @ self.coefficients_.T)
 
+    def predict_at_point(self, q: FloatArray, wrench: FloatArray, point: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] of a point of the tool; see `StiffnessModel`."""
+        return self._deflection(replace(self.robot_, tcp=point), *self._checked(q, wrench))
+
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        springs = compliance_regressor(self.robot_, q, wrench)
+        return self._deflection(self.robot_, q, wrench)
+
+    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        springs = compliance_regressor(robot, q, wrench)
         return np.asarray((springs @ self.compliance(q)[..., None])[..., 0])
 
 

@@ -129,6 +129,14 @@ class StiffnessModel:
         """
         return self.predict(q, wrench)
 
+    def predict_at_point(self, q: FloatArray, wrench: FloatArray, point: FloatArray) -> FloatArray:
+        """Return the (n, 3) deflection [m] of a point of the tool under wrenches that act there.
+
+        It is for a model of springs, which predict at every point of a rigid tool. `point` is (3,)
+        in the frame of the last joint, m.
+        """
+        raise NotImplementedError
+
     def predict_reading(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection [m] that the rig of the training samples would read.
 

@@ -101,9 +101,8 @@ def test_corrected_targets_of_random_orientation_are_the_commanded_poses(name, t
 
 @pytest.mark.parametrize("name", FILES)
 def test_only_the_numbers_of_targets_change(name, tmp_path):
-    done = compensate_program(
-        model_of(ROBOTS[name]), DOCS / name, tmp_path / name, load=LOAD, **options_of(name)
-    )
+    options = {"load": LOAD, "allow_steps": True, **options_of(name)}
+    done = compensate_program(model_of(ROBOTS[name]), DOCS / name, tmp_path / name, **options)
     assert len(done.path.removed) == len(done.lines)
     for file in done.files:
         old, new = (path.read_bytes().decode() for path in (DOCS / file.name, file))
@@ -164,7 +163,7 @@ def test_loads_by_line_are_those_of_the_motions(tmp_path):
 def test_a_load_in_the_tool_frame_turns_with_the_tool(tmp_path):
     file, model, targets = krl(tmp_path, f"LIN {POSE}\n"), model_of("kr10-r1100-2"), []
     # A 180, C 180: x backwards, z down
-    for frame, load in (("base", (5, 0, 20)), ("tool", (-5, 0, -20))):
+    for frame, load in (("world", (5, 0, 20)), ("tool", (-5, 0, -20))):
         done = compensate_program(model, file, tmp_path / f"{frame}.src", load=load, frame=frame)
         targets.append(done.targets.position[1])
     np.testing.assert_allclose(*targets, atol=1e-9)
@@ -185,27 +184,37 @@ def test_one_point_under_two_loads_is_left_or_stops(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("body", "message"),
+    ("body", "reason"),
     [
-        ("LIN {X 5000,Y 0,Z 0,A 0,B 0,C 0}", "line 4: target 5000,0,0,0,0,0: out of reach"),
-        ("LIN {X 545,Y 60,Z 155,A 0,B 90,C 0}", "line 4: .*singular"),
-        ("$TOOL={X 0,Y 0,Z 100,A 0,B 0,C 0}\nLIN " + POSE, "line 5: .*TCP at 0,0,100 mm"),
-        (f"PTP {POSE[:-1]},S 0,T 0}}", "line 4: .*S 0, T 0; the pose is reached with S 2"),
+        ("LIN {X 5000,Y 0,Z 0,A 0,B 0,C 0}", "out of reach"),
+        ("LIN {X 545,Y 60,Z 155,A 0,B 90,C 0}", "singular"),
+        (f"PTP {POSE[:-1]},S 0,T 0}}", "S 0, T 0; the pose is reached with S 2"),
     ],
 )
-def test_an_impossible_target_is_refused_with_its_line(tmp_path, body, message):
+def test_an_impossible_target_is_left_with_its_line_and_cause(tmp_path, body, reason):
     file, model = krl(tmp_path, body), model_of("kr10-r1100-2")
-    with pytest.raises(DataError, match=message):
-        compensate_program(model, file, tmp_path / "b.src", load=LOAD)
+    done = compensate_program(model, file, tmp_path / "b.src", load=LOAD)
+    (motion,) = done.left_motions
+    assert motion.line == 4 and reason in motion.reason
+    assert body in (tmp_path / "b.src").read_text()
+
+
+def test_a_program_without_a_correctable_motion_is_refused_with_every_cause(tmp_path):
+    file = tmp_path / "a.src"
+    file.write_text("$BASE=$WORLD\nPTP XHOME\nLIN XP1\nLIN XHOME\n")
+    causes = "line 2: .*XHOME is a variable; line 3: .*XP1 is a variable"
+    with pytest.raises(ModelError, match=causes):
+        compensate_program(model_of("kr10-r1100-2"), file, tmp_path / "b.src", load=LOAD)
     assert not (tmp_path / "b.src").exists()
 
 
-def test_a_frame_that_is_not_in_the_program_is_required_as_an_option(tmp_path):
+def test_a_frame_that_is_not_in_the_program_is_given_by_number_or_listed(tmp_path):
     model = model_of("kr10-r1100-2")
-    for body, option in (("BAS(#TOOL,1)", "tool"), ("$BASE=BASE_DATA[2]", "base")):
-        file = krl(tmp_path, f"{body}\nLIN {POSE}\n")
-        with pytest.raises(ConfigError, match=f"line 5: the program does not hold .*{option} fra"):
-            compensate_program(model, file, tmp_path / "b.src", load=LOAD)
+    for body, option in (("BAS(#TOOL,1)", "tool 1="), ("$BASE=BASE_DATA[2]", "workpiece 2=")):
+        file = krl(tmp_path, f"{body}\nLIN {POSE}\n", f"{option[:4]}.src")
+        done = compensate_program(model, file, tmp_path / f"new{file.name}", load=LOAD)
+        assert [motion.line for motion in done.left_motions] == [5]
+        assert option in done.left_motions[0].reason
     words = {"load": LOAD, "workpiece": (380.0, -60.0, 250.0, 0.0, 0.0, 0.0)}
     done = compensate_program(model, file, tmp_path / "b.src", **words)
     file = krl(tmp_path, f"LIN {POSE}\n", "c.src")
@@ -213,11 +222,15 @@ def test_a_frame_that_is_not_in_the_program_is_required_as_an_option(tmp_path):
     np.testing.assert_allclose(done.targets.q, usual.targets.q, atol=1e-9)
     mixed = krl(tmp_path, f"BAS(#BASE,1)\nLIN {POSE}\nBAS(#BASE,2)\nLIN {POSE}\n")
     for wrong, message in (
-        (file, "the program holds its base frame"),
-        (mixed, r"line 7: BASE_DATA\[2\] is another base frame"),
+        (file, "the program holds"),
+        (mixed, r"line 7: BASE_DATA\[2\] is another frame"),
     ):
         with pytest.raises(ConfigError, match=message):
             compensate_program(model, wrong, tmp_path / "e.src", **words)
+    both = {1: words["workpiece"], 2: (380.0, -60.0, 300.0, 0.0, 0.0, 0.0)}
+    done = compensate_program(model, mixed, tmp_path / "f.src", load=LOAD, workpiece=both)
+    heights = 1000.0 * done.targets.target[1:, 2]
+    assert heights[1] - heights[0] == pytest.approx(50.0)
 
 
 def test_a_file_of_another_kind_or_that_exists_is_refused(tmp_path):
@@ -234,12 +247,17 @@ def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
     model_of("kr10-r1100-2").save(tmp_path / "my.stiff", cross_validate=False)
     words = ("path", "compensate", "--model", "my.stiff", "--program", str(DOCS / "pocket.src"))
     words = (*words, "--load", "0,20,-40", "--output")
+    step = bench_here(*words, "new.src", cwd=tmp_path)
+    assert step.returncode == 2 and not (tmp_path / "new.src").exists()
+    assert "line 16 is corrected, line 17 is not" in step.stderr
+    words = (*words[:-1], "--allow-steps", "--output")
     done = bench_here(*words, "new.src", "--figure", "new.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for part in (
         "beyond the training range",
-        "8 of 8 targets corrected",
-        "left as they were: 3 motions",
+        "9 of 9 targets corrected",
+        "left as they were: 2 motions",
+        "frame of the loads: world",
         "expected error, mean at left-out poses: ",
         "90 % interval, half width: ",
     ):
@@ -247,7 +265,7 @@ def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
     assert (tmp_path / "new.png").stat().st_size > 20_000
     for wrong, part in (
         ("--strict", "line 8: PTP XHOME"),
-        ("--hold=A1=0", "--hold does not go with --program"),
+        ("--hold=A1=0", "--hold A1"),
     ):
         refused = bench_here(*words, "s.src", wrong, cwd=tmp_path)
         assert refused.returncode != 0 and part in refused.stderr
