@@ -37,7 +37,7 @@ MOTION = re.compile(rf"(?P<letter>[LJCAS])\s+{POINT}(?:\s*:?\s*{POINT})?(?P<rest
 NUMBERED = re.compile(r"\s*(\d+)\s*(?::.*)?", re.DOTALL)
 INDEX = r"\[[^\]]*\]"
 OPTION = re.compile(
-    rf"[\s,:]*(?:(?:\d+\.?\d*|\.\d+|A?R{INDEX}|max_speed|WELD_SPEED)\s*"
+    rf"[\s,:]*(?:max_speed|WELD_SPEED|(?:\d+\.?\d*|\.\d+|A?R{INDEX})\s*"
     r"(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|FINE|(?:CNT|CR|CD|ACC|EV)\s*(?:\d+%?|A?R"
     rf"{INDEX})|Wjnt|PTH|MROT|BREAK|Skip\s*,\s*LBL{INDEX}|(?:Arc|Weave)\s+(?:Start|End|Sine|Circle"
     rf"|Figure 8)\s*(?:{INDEX})?|(?:TB|TA|DB|TIME\s+BEFORE|TIME\s+AFTER|DISTANCE\s+BEFORE)\s*"
@@ -91,7 +91,7 @@ def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
     state = dict(STATE)
     if re.search(r"LINE_TRACK_SCHEDULE_NUMBER\s*:\s*[1-9]", text[:begin]):
         state["other"] = Unknown("the program follows a conveyor: LINE_TRACK")
-    return Reading({"": routine}, Names(), state)
+    return Reading({"": routine}, Names(), state, text[:end])
 
 
 class _Reader:
@@ -250,6 +250,7 @@ LANGUAGE = Language(
     metres=1e-3,
     radians=float(np.pi / 180.0),
     n_turns=3,
+    motion=re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*[LJCAS][ \t]+@?PR?[ \t]*\[", re.M),
     decimals=(3, 5),
     read=read,
     to_rotations=lambda turns: euler_rotations("xyz", turns),

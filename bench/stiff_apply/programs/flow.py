@@ -201,7 +201,7 @@ class Flow:
         if key == LAST:
             return None
         cause = next((value.cause for value in (one, two) if isinstance(value, Unknown)), "")
-        return Unknown(cause if cause and cause != MISSING.cause else "not the same on all ways")
+        return Unknown(cause if cause and cause != MISSING.cause else f"{key} is not the same on all ways to it")
 
     def _joined(self, one: State | None, two: State) -> State:
         if one is None or one == two:

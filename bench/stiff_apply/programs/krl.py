@@ -33,6 +33,7 @@ from stiff_apply.programs.statements import (
     Number,
     Statement,
     without_comments,
+    without_strings,
 )
 from stiff_datasets.measured.rotations import euler_rotations
 from stiff_protocols.contract.types import BoolArray, FloatArray
@@ -113,13 +114,14 @@ class _Reader:
         for index, text in enumerate(texts[1:], 1):
             for start, line in _lines(text):
                 self._declare_data(start, line, index)
-        lines = [*self._by_routine(texts[0])]
+        text = without_comments(texts[0], COMMENT)
+        lines = [*self._by_routine(text)]
         for routine, start, line in lines:
             self._note_names(routine.name, start, line)
         self.names.finish()
         for routine, start, line in lines:
             routine.items += self._items(routine.name, start, line)
-        self.reading = Reading(self.routines, self.names, self.state)
+        self.reading = Reading(self.routines, self.names, self.state, text)
 
     def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, str]]:
         """Yield statements with their routines."""
@@ -171,12 +173,14 @@ class _Reader:
             literal = Declared("", statement, value) if is_whole and is_local else None
             self.names.assign(routine, name, literal, "is assigned in the program")
             self.names.note_sources(name, text)
-        for call in CALL.finditer(line):
+        for call in CALL.finditer(without_strings(line)):
             name, inputs = call[1].upper(), self.inputs.get(call[1].upper(), [])
             if name in self.functions:
                 continue
+            for parameter in self.names.parameters(name):
+                self.names.note_sources(parameter, line[call.end() :])
             for number, argument in enumerate(re.split(r"[,()]", line[call.end() :])):
-                word = argument.strip()
+                word = re.split(r"[.\[]", argument.strip())[0]
                 if WORD.fullmatch(word) and not (number < len(inputs) and inputs[number]):
                     self.names.assign(routine, word, None, f"may be changed by {name}(..)")
 
@@ -210,7 +214,7 @@ class _Reader:
 
     def _calls(self, line: str, where: str) -> Iterator[Any]:
         """Yield calls of routines of this file, and what unknown ones may do."""
-        for match in CALL.finditer(line):
+        for match in CALL.finditer(without_strings(line)):
             name = match[1].upper()
             is_statement = match.start() == 0
             if name in self.routines:
@@ -254,6 +258,7 @@ class _Reader:
             if table and isinstance(frame, Frame):
                 frame = frame._replace(name=f"{base}{part}")
             is_number = re.fullmatch(r"\[\d+\]", part)
+            frame = frame if is_number or not table else Unknown(where)
             yield Setting(
                 {
                     (f"{base}{part}" if is_number else f"{base}*")
@@ -459,6 +464,7 @@ LANGUAGE = Language(
     metres=1e-3,
     radians=float(np.pi / 180.0),
     n_turns=3,
+    motion=re.compile(r"^[ \t]*(?:S?PTP|S?LIN|S?CIRC|SPL)(?:_REL)?(?:[ \t]+[A-Z$]|[ \t]*\{)", re.I | re.M),
     decimals=(4, 5),
     read=read,
     to_rotations=lambda turns: euler_rotations("ZYX", turns),

@@ -5,7 +5,9 @@ Only numbers are replaced, so every other character of the program stays unchang
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+import re
+from bisect import bisect_right
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stiff_apply.programs.flow import LAST, Flow, Frame, Routine, State, Unknown, Value, value_of
-from stiff_apply.programs.statements import Names, Number
+from stiff_apply.programs.statements import Names, Number, without_strings
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.files import written_whole
@@ -89,11 +91,12 @@ class LeftMotion(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What a language reads in a program: routines, names, and the state at the start."""
+    """What a language reads in a program, with the state at the start and text without comments."""
 
     routines: dict[str, Routine]
     names: Names
     state: State
+    text: str
 
 
 def is_either(written: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
@@ -110,6 +113,7 @@ class Language:
         companions: names of files with data next to the program; "*" is its own name.
         metres, radians: one unit of its lengths [m] and of its angles [rad].
         n_turns: count of numbers of an orientation.
+        motion: begin of a motion.
         decimals: least decimals of lengths and joint angles.
         read: reads the texts; names of other routines that do not change the state.
         to_rotations: (n, n_turns) numbers -> (n, 3, 3) rotations.
@@ -127,6 +131,7 @@ class Language:
     metres: float
     radians: float
     n_turns: int
+    motion: re.Pattern[str]
     decimals: tuple[int, int]
     read: Callable[[Sequence[str], Collection[str]], Reading]
     to_rotations: Callable[[FloatArray], FloatArray]
@@ -238,6 +243,7 @@ def program_table(
         for item in routine.items
         if isinstance(item, Motion)
     ]
+    motions += _unread_motions(reading, language, motions)
     motions.sort(key=lambda motion: motion.start)
     if not motions:
         raise DataError(f"{paths[0]}: no motion of {language.name} in this program")
@@ -308,6 +314,19 @@ def program_table(
     return program
 
 
+def _unread_motions(
+    reading: Reading, language: Language, motions: Sequence[Motion]
+) -> Iterator[Motion]:
+    """Yield motions at places where no statement is read as a motion, so that none is lost."""
+    spans = sorted((motion.start, motion.end) for motion in motions)
+    starts = [start for start, _ in spans]
+    for match in language.motion.finditer(without_strings(reading.text)):
+        index = bisect_right(starts, match.end() - 1) - 1
+        if index < 0 or match.end() > spans[index][1]:
+            reason = "is at a place where no motion is expected"
+            yield Motion(match.start(), match.end(), "", "linear", reason=reason)
+
+
 def _frames_of(motion: Motion, state: State | None) -> tuple[str, Frame, Frame]:
     """Return why a motion is left, its base and its tool."""
     base, tool = (
@@ -322,7 +341,8 @@ def _frames_of(motion: Motion, state: State | None) -> tuple[str, Frame, Frame]:
         if isinstance(value, Unknown):
             return value.cause, Frame(""), Frame("")
     for key, value in motion.expects.items():
-        if None not in (value, state[key]) and int(value) != int(state[key]):
+        active = state[key]
+        if value is not None and isinstance(active, str) and int(value) != int(active):
             return f"the active {key} is {state[key]}, its own is {value}", Frame(""), Frame("")
     if isinstance(base, Unknown):
         base = Frame("")

@@ -25,7 +25,14 @@ from stiff_apply.programs.flow import (
     lost_state,
 )
 from stiff_apply.programs.program import NEAR_ZERO, Goal, Language, Motion, Reading
-from stiff_apply.programs.statements import WORD, Declared, Names, Statement, without_comments
+from stiff_apply.programs.statements import (
+    WORD,
+    Declared,
+    Names,
+    Statement,
+    without_comments,
+    without_strings,
+)
 from stiff_datasets.measured.rotations import quaternion_rotations, quaternions
 from stiff_protocols.contract.types import FloatArray
 
@@ -35,10 +42,10 @@ UNTIL = rf"(?:{STRING}|[^;\"])*?"
 STATEMENT = re.compile(
     r"\s*+(?P<text>"
     r"(?P<routine>(?:LOCAL\s+)?(?:(?:PROC|TRAP)\s+\w+|FUNC\s+\w+\s+\w+)\b\s*(?:\([^)]*\))?)"
-    r"|%%%[^%]*%%%|MODULE\b[^\r\n]*|RECORD\s+\w+|(?:ELSE|ERROR|UNDO|BACKWARD|END(?:MODULE|PROC|FUNC"
+    r"|%%%[^%]*%%%|MODULE\s+\w+(?:\s*\([^)]*\))?|RECORD\s+\w+|(?:ELSE|ERROR|UNDO|BACKWARD|END(?:MODULE|PROC|FUNC"
     r"|TRAP|IF|FOR|WHILE|TEST|RECORD))\b(?!\s*:?=)"
     rf"|ELSEIF\b{UNTIL}\bTHEN\b|IF\b{UNTIL}(?:\bTHEN\b|;)|(?:FOR|WHILE)\b{UNTIL}\bDO\b"
-    rf"|TEST\b[^\r\n;]*|CASE\b(?:{STRING}|[^:\"])*:|DEFAULT\s*:|[A-Z_]\w*\s*:(?!=)"
+    rf"|TEST\b{UNTIL}(?=\b(?:CASE|DEFAULT)\b)|CASE\b(?:{STRING}|[^:\"])*:|DEFAULT\s*:|[A-Z_]\w*\s*:(?!=)"
     rf"|(?:{STRING}|[^;\"])+;|[^\s]+)",
     re.IGNORECASE,
 )
@@ -108,7 +115,8 @@ class _Reader:
         self.frames: dict[tuple[str, str, str], Any] = {}
         self.harmless = {name.lower() for name in harmless}
         self.constants, self.passed = set[tuple[str, str]](), list[tuple[str, str, str]]()
-        statements = [*self._by_routine(without_comments(text, COMMENT))]
+        text = without_comments(text, COMMENT)
+        statements = [*self._by_routine(text)]
         for routine, start, statement in statements:
             self._note_names(routine.name, start, statement)
         for scope, name, call in self.passed:
@@ -118,12 +126,12 @@ class _Reader:
         self.names.finish()
         for routine, start, statement in statements:
             routine.items += self._items(routine.name, start, statement)
-        self.reading = Reading(self.routines, self.names, STATE)
+        self.reading = Reading(self.routines, self.names, STATE, text)
 
     def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, str]]:
         """Yield statements with their routines; "" is outside of routines."""
         now = self.routines[""]
-        for match in STATEMENT.finditer(text):
+        for match in STATEMENT.finditer(f"{text}\n;"):
             statement, start = match["text"], match.start("text")
             if head := match["routine"]:
                 name = re.split(r"[\s(]+", head.partition("(")[0].strip())[-1].lower()
@@ -157,11 +165,14 @@ class _Reader:
             self.names.assign(routine, match["name"], None, "is assigned in the program")
             self.names.note_sources(match["name"], text[match.end() :])
         first = re.match(r"[%\w]*", text)[0]  # type: ignore[index]
-        if not (match or MOTION.match(text) or HARMLESS.match(text) or first.upper() in FLOW):
+        if not (match or MOTION.match(text) or SETTING.match(text) or HARMLESS.match(text) or first.upper() in FLOW):
             arguments = text[len(first) :]
-        for call in CALL.finditer(text):
+        for call in CALL.finditer(without_strings(text)):
             if call[1].lower() in self.routines:
                 arguments += text[call.start() :]
+        for name in {word.lower() for word in WORD.findall(text)} & self.routines.keys():
+            for parameter in self.names.parameters(name):
+                self.names.note_sources(parameter, text)
         self.passed += [(routine, word, first or text[:20]) for word in WORD.findall(arguments)]
 
     def _items(self, routine: str, start: int, statement: str) -> Iterator[Any]:
@@ -189,7 +200,7 @@ class _Reader:
             yield Jump("goto", statement[4:].strip(" ;\r\n\t").lower())
         elif match := SETTING.match(statement):
             yield _setting(match, short)
-        elif word.lower() in self.routines:
+        elif word and word.lower() in self.routines:
             yield Call(word.lower())
         elif not HARMLESS.match(statement) and word.lower() not in self.harmless:
             point = Statement(statement[len(word) :].rstrip(" ;\r\n\t"), start + len(word))
@@ -201,7 +212,7 @@ class _Reader:
 
     def _calls(self, statement: str) -> Iterator[Any]:
         """Yield calls of functions of this file."""
-        for call in CALL.finditer(statement):
+        for call in CALL.finditer(without_strings(statement)):
             if call[1].lower() in self.routines:
                 yield from (Jump("if"), Call(call[1].lower()), Jump("endif"))
 
@@ -362,6 +373,7 @@ LANGUAGE = Language(
     metres=1e-3,
     radians=float(np.pi / 180.0),
     n_turns=4,
+    motion=re.compile(r"\bMove(?:L|J|C|AbsJ)\b(?=[\s\\])(?!\s*:?=)", re.I),
     decimals=(4, 5),
     read=read,
     to_rotations=quaternion_rotations,

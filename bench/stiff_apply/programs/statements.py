@@ -21,12 +21,18 @@ INDEX: "w"
 """Nesting of a statement, of which each word and number is written as "w"."""
 TOKEN = re.compile(r'"[^"\r\n]*"|[\[\](){},]|[^\s\[\](){},"]+|"')
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?", re.IGNORECASE)
+STRING = re.compile(r"\"[^\"\r\n]*\"")
 WORD = re.compile(r"[A-Za-z_$]\w*")
 
 
 def without_comments(text: str, comment: re.Pattern[str]) -> str:
     """Return a text with blanks in place of comments; `comment` matches strings, too."""
     return comment.sub(lambda match: match[0] if match[0][0] == '"' else " " * len(match[0]), text)
+
+
+def without_strings(text: str) -> str:
+    """Return a text with blanks in place of its strings."""
+    return STRING.sub(lambda match: " " * len(match[0]), text)
 
 
 class Number(NamedTuple):

@@ -22,16 +22,26 @@ from stiff_apply.programs.flow import (
     lost_state,
 )
 from stiff_apply.programs.program import NO_FRAME, Goal, Language, Motion, Reading
-from stiff_apply.programs.statements import Declared, Names, Statement, without_comments
+from stiff_apply.programs.statements import (
+    WORD,
+    Declared,
+    Names,
+    Statement,
+    without_comments,
+    without_strings,
+)
 from stiff_datasets.measured.rotations import vector_rotations
 
 COMMENT = re.compile(r"\"[^\"\r\n]*\"|#[^\r\n]*")
 BREAK = re.compile(r"\"[^\"\r\n]*\"|[\[({]|[\])}]|[\r\n]+|$")
 NEXT = re.compile(
     r"\s*(?:(?:move|servo|speed|optimove)[a-z]*\s*\(|set_tcp\s*\(|(?:def|thread|end|if|elif|else"
-    r"|while|global|local|return)\b|\w+\s*=(?!=))"
+    r"|while|global|local|return)\b)"
 )
 """Begin of a statement: brackets before it were not closed."""
+PART = re.compile(r"\"[^\"]*\"|\w+|[^\s\w]")
+"""A word, a bracket or another character of a line."""
+OPERATORS = ("and", "or", "not", "xor")
 HEAD = re.compile(r"(?P<word>if|elif|else|while|for|def|thread|switch|case|default)\b")
 FLOW = {
     **{"if": "if", "elif": "case", "else": "else", "while": "loop", "for": "loop"},
@@ -86,13 +96,14 @@ class _Reader:
     def __init__(self, text: str, harmless: Collection[str]) -> None:
         self.names, self.routines = Names(takes_single=True), {"": Routine("", entry="file")}
         self.harmless = {*harmless}
-        statements = [*self._by_routine(without_comments(text, COMMENT))]
+        text = without_comments(text, COMMENT)
+        statements = [*self._by_routine(text)]
         for routine, start, statement in statements:
             self._note_names(routine.name, start, statement)
         self.names.finish()
         for routine, start, statement in statements:
             routine.items += self._items(routine.name, start, statement)
-        self.reading = Reading(self.routines, self.names, STATE)
+        self.reading = Reading(self.routines, self.names, STATE, text)
 
     def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, Any]]:
         """Yield statements with their routines; ends of blocks are jumps."""
@@ -133,7 +144,7 @@ class _Reader:
             whole = None if match["part"] else literal
             self.names.assign(routine, match["name"], whole, "is a variable")
             self.names.note_sources(match["name"], text)
-        for call in CALL.finditer(statement):
+        for call in CALL.finditer(without_strings(statement)):
             if call[1] in self.routines:
                 for parameter in self.names.parameters(call[1]):
                     self.names.note_sources(parameter, statement[call.end() :])
@@ -154,7 +165,7 @@ class _Reader:
         if is_call and word == "set_tcp":
             yield Setting({"tool": self._tool(routine, statement, where)})
             return
-        for call in CALL.finditer(statement):
+        for call in CALL.finditer(without_strings(statement)):
             name, is_sure = call[1], call.start() == 0
             if name in self.routines:
                 yield from [Jump("if")] * (not is_sure)
@@ -185,7 +196,7 @@ class _Reader:
         name = content.name(value) if value else ""
         if name:
             declared, _ = self.names.find(routine, name)
-            if declared is None and not self.names.is_used(routine, name):
+            if declared is None and not self.names.is_used(routine, name) and "[" not in name:
                 return Frame(name)
             if declared is None:
                 return Unknown(where)
@@ -265,33 +276,26 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
             depth, begin = 0, match.end()
 
 
-def _split(text: str, start: int, is_line: bool = True) -> Iterator[tuple[int, str]]:
+def _split(text: str, start: int) -> Iterator[tuple[int, str]]:
     """Yield the statements of a line: `if a: movel(p) end` has three."""
-    start, text = start + len(text) - len(text.lstrip()), text.strip()
-    if not text:
-        return
-    depth, end = 0, len(text)
-    head = HEAD.match(text)
-    for match in re.finditer(r"\"[^\"]*\"|[\[({]|[\])}]|:|\s+(?=[A-Za-z_])", text):
-        character = match[0][0]
-        depth += (character in "[({") - (character in "])}")
-        if depth or character == '"':
-            continue
-        if head and character == ":":
-            end = match.end()
-            break
-        follows = re.match(r"(?!(?:and|or|not|xor)\b)\w+", text[match.end() :])
-        is_closed = text[: match.start()].rstrip()[-1:] in ")]" or text[: match.start()] == "end"
-        if (
-            character.isspace()
-            and not head
-            and follows
-            and (follows[0] in ("end", "else", "elif") or (is_closed and not is_line))
-        ):
-            end = match.end()
-            break
-    yield start, text[:end].strip()
-    yield from _split(text[end:], start + end, is_line and not head)
+    begin, depth, before, head, has_head = -1, 0, "", False, False
+    for match in PART.finditer(text):
+        part = match[0]
+        if begin >= 0 and not depth and not head and part[0] not in "[](){}":
+            follows = has_head and before in ("]", ")", "}", "end") and part not in OPERATORS
+            if part in ("end", "else", "elif") or (follows and WORD.fullmatch(part)):
+                yield start + begin, text[begin : match.start()].rstrip()
+                begin = -1
+        if begin < 0:
+            begin, head = match.start(), bool(HEAD.fullmatch(part))
+            has_head |= head
+        depth += (part in "[({") - (part in "])}")
+        before = part
+        if head and part == ":" and not depth:
+            yield start + begin, text[begin : match.end()]
+            begin, head = -1, False
+    if begin >= 0:
+        yield start + begin, text[begin:].rstrip()
 
 
 LANGUAGE = Language(
@@ -299,6 +303,7 @@ LANGUAGE = Language(
     metres=1.0,
     radians=1.0,
     n_turns=3,
+    motion=re.compile(r"(?<![\w.])move[ljpc][ \t]*\("),
     decimals=(7, 7),
     read=read,
     to_rotations=vector_rotations,

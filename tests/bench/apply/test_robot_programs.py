@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import warnings
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -202,7 +203,7 @@ def test_an_impossible_target_is_left_with_its_line_and_cause(tmp_path, body, re
 def test_a_program_without_a_correctable_motion_is_refused_with_every_cause(tmp_path):
     file = tmp_path / "a.src"
     file.write_text("$BASE=$WORLD\nPTP XHOME\nLIN XP1\nLIN XHOME\n")
-    causes = "line 2: .*XHOME is a variable; line 3: .*XP1 is a variable"
+    causes = "lines 2, 4: .*XHOME is a variable; line 3: .*XP1 is a variable"
     with pytest.raises(ModelError, match=causes):
         compensate_program(model_of("kr10-r1100-2"), file, tmp_path / "b.src", load=LOAD)
     assert not (tmp_path / "b.src").exists()
@@ -231,6 +232,144 @@ def test_a_frame_that_is_not_in_the_program_is_given_by_number_or_listed(tmp_pat
     done = compensate_program(model, mixed, tmp_path / "f.src", load=LOAD, workpiece=both)
     heights = 1000.0 * done.targets.target[1:, 2]
     assert heights[1] - heights[0] == pytest.approx(50.0)
+
+
+def test_a_step_between_corrected_and_left_motions_of_a_path_is_refused(tmp_path):
+    model = model_of("kr10-r1100-2")
+    file = krl(tmp_path, f"LIN {POSE}\nLIN XP1\nPTP XHOME\nLIN XP1\n")
+    with pytest.raises(ModelError, match="line 4 is corrected, line 5 is not: LIN XP1: .*variable"):
+        compensate_program(model, file, tmp_path / "b.src", load=LOAD)
+    assert not (tmp_path / "b.src").exists()
+    done = compensate_program(model, file, tmp_path / "b.src", load=LOAD, allow_steps=True)
+    assert [motion.line for motion in done.left_motions] == [5, 6, 7]
+    ended = krl(tmp_path, f"LIN {POSE}\nPTP XHOME\nLIN XP1\n")  # a joint motion ends a path
+    compensate_program(model, ended, tmp_path / "c.src", load=LOAD)
+    loads = tmp_path / "loads.csv"
+    loads.write_text("line,fx_N,fy_N,fz_N\n3,0,0,0\n4,0,0,-20\n5,0,0,0\n")
+    compensate_program(model, file, tmp_path / "d.src", loads=loads)  # a load of zero, too
+
+
+def test_a_path_goes_on_in_a_subprogram(tmp_path):
+    body = f"LIN {POSE}\nSUB()\nEND\nDEF SUB()\nLIN XP1\nEND\n"
+    with pytest.raises(ModelError, match="line 4 is corrected, line 8 is not"):
+        compensate_program(
+            model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=LOAD
+        )
+
+
+def test_a_left_motion_that_depends_on_a_corrected_target_is_a_step(tmp_path):
+    shutil.copy(DOCS / "pocket.dat", tmp_path / "a.dat")
+    body = f"LIN XP1\nPTP XHOME\nXP5=XP1:{POSE}\nLIN XP5\n"
+    with pytest.raises(ModelError, match="line 4 is corrected, line 7 is not.*moves with line 4"):
+        compensate_program(
+            model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=LOAD
+        )
+
+
+CIRCLE = "{X 40,Y 40,Z 50,A 180,B 0,C 180},{X 80,Y 0,Z 50,A 180,B 0,C 180}"
+
+
+def test_a_circle_is_corrected_with_its_helper_point(tmp_path):
+    file = krl(tmp_path, f"LIN {POSE}\nCIRC {CIRCLE},CA 360\n")
+    done = compensate_program(model_of("kr10-r1100-2"), file, tmp_path / "b.src", load=LOAD)
+    assert done.lines == (3, 4, 5, 5) and not done.left_motions
+    points = 1000.0 * done.targets.position[1:]
+    centre = points[[0, 2]].mean(axis=0)
+    radii = np.linalg.norm(points - centre, axis=1)
+    np.testing.assert_allclose(radii, 40.0, atol=0.1)
+    assert "CA 360" in (tmp_path / "b.src").read_text()
+
+
+@pytest.mark.parametrize(
+    ("body", "left"),
+    [
+        (f"PTP {POSE}\nCIRC {CIRCLE.replace('X 40', 'X 4000')}\n", [4, 5]),  # helper out of reach
+        (f"PTP XHOME\nCIRC {CIRCLE}\n", [4, 5]),  # unknown start
+        (f"PTP {POSE}\nIF A THEN\nPTP XHOME\nENDIF\nCIRC {CIRCLE}\n", [6, 8]),  # two starts
+        (f"PTP {POSE}\nCIRC_REL {{X 1}},{{X 2}}\n", [4, 5]),
+    ],
+)
+def test_a_circle_is_left_with_all_its_points(tmp_path, body, left):
+    file = krl(tmp_path, body)
+    done = compensate_program(model_of("kr10-r1100-2"), file, tmp_path / "b.src", load=LOAD)
+    assert [motion.line for motion in done.left_motions] == left
+    text = (tmp_path / "b.src").read_text()
+    assert all(file.read_text().splitlines()[line - 1] in text for line in left)
+
+
+def test_missing_numbers_of_a_target_are_inserted(tmp_path):
+    file = krl(tmp_path, f"LIN {POSE}\nLIN {{X 40}} C_DIS\n")
+    whole = krl(tmp_path, f"LIN {POSE}\nLIN {POSE.replace('X 0', 'X 40')} C_DIS\n", "c.src")
+    model, texts = model_of("kr10-r1100-2"), []
+    for source, name in ((file, "b.src"), (whole, "d.src")):
+        compensate_program(model, source, tmp_path / name, load=LOAD)
+        texts.append((tmp_path / name).read_text().splitlines()[-1])
+    assert texts[0] == texts[1].replace(",A 180,B 0,C 180", "")
+
+
+def test_a_relative_motion_between_corrected_targets_is_listed_without_a_step(tmp_path):
+    file = krl(tmp_path, f"LIN {POSE}\nLIN_REL {{Z 5}}\nLIN {POSE}\n")
+    done = compensate_program(model_of("kr10-r1100-2"), file, tmp_path / "b.src", load=LOAD)
+    assert [motion.line for motion in done.left_motions] == [5]
+    assert "LIN_REL {Z 5}" in (tmp_path / "b.src").read_text()
+
+
+def test_external_axes_that_move_are_listed_and_may_be_held(tmp_path):
+    poses = [POSE.replace("}", f",E1 {track}}}") for track in (0, 250, 250)]
+    file = krl(tmp_path, "".join(f"LIN {pose}\n" for pose in poses))
+    model = model_of("kr10-r1100-2")
+    with pytest.raises(ModelError, match="lines 3-4: .*E1 is at 0.*lines 5-6: .*E1 is at 250"):
+        compensate_program(model, file, tmp_path / "b.src", load=LOAD)
+    held = {"hold": {"E1": 250.0}, "load": LOAD, "allow_steps": True}
+    done = compensate_program(model, file, tmp_path / "c.src", **held)
+    assert [motion.line for motion in done.left_motions] == [3, 4]
+    with pytest.raises(ConfigError, match="E1=VALUE"):
+        compensate_program(model, file, tmp_path / "d.src", load=LOAD, hold={"E9": 0.0})
+
+
+def test_a_template_of_loads_has_each_motion_and_is_read_back(tmp_path):
+    file, model = krl(tmp_path, f"LIN {POSE}\nPTP XHOME\n"), model_of("kr10-r1100-2")
+    template = tmp_path / "loads.csv"
+    first = compensate_program(
+        model, file, tmp_path / "b.src", load=LOAD, loads_template=template
+    )
+    assert [row.split(",")[0] for row in template.read_text().splitlines()] == ["line", "3", "4", "5"]
+    second = compensate_program(model, file, tmp_path / "c.src", loads=template)
+    np.testing.assert_array_equal(first.targets.position, second.targets.position)
+
+
+def test_the_frame_of_the_load_is_named_and_turns_it(tmp_path):
+    turned = f"$BASE={{X 380,Y -60,Z 250,A 90,B 0,C 0}}\nLIN {POSE}\n"
+    file, model, targets = krl(tmp_path, turned), model_of("kr10-r1100-2"), []
+    for frame, load in (("base", (40, 0, 0)), ("world", (0, 40, 0))):
+        done = compensate_program(model, file, tmp_path / f"{frame}.src", load=load, frame=frame)
+        targets.append(done.targets.position[1])
+        assert f"frame of the loads: {frame}" in repr(done)
+    np.testing.assert_allclose(*targets, atol=1e-9)
+    with pytest.raises(ConfigError, match="world"):
+        compensate_program(model, file, tmp_path / "c.src", load=LOAD, frame="user")
+
+
+def test_a_spring_model_predicts_at_the_programs_own_tool(tmp_path):
+    file = tmp_path / "a.src"
+    file.write_text(
+        "$BASE={X 380,Y -60,Z 250,A 0,B 0,C 0}\n$TOOL={X 0,Y 0,Z 150,A 0,B 0,C 0}\n"
+        f"PTP {{A1 0,A2 -90,A3 90,A4 0,A5 60,A6 0}}\nLIN {POSE}\n"
+    )
+    model = model_of("kr10-r1100-2")
+    done = compensate_program(model, file, tmp_path / "b.src", load=LOAD)
+    robot, q = model.fitted.robot_, done.targets.q
+    chain = robot.flange @ robot.controller.flange
+    own = replace(robot, tcp=(chain @ np.r_[0.0, 0.0, 0.15, 1.0])[:3])
+    force = np.array(LOAD) @ robot.controller.world[:3, :3].T
+    twists = own.jacobian(q)
+    torque = np.einsum("nij,i->nj", twists[:, :3], force)
+    bent = np.einsum("nij,nj->ni", twists[:, :3], model.fitted.springs_.compliance * torque)
+    np.testing.assert_allclose(own.tcp_position(q) + bent, done.targets.target, atol=2e-6)
+    assert "springs predict there" in repr(done)
+    other = sb.make_model("knn").fit(sb.load_dataset("kr10-twin"))
+    with pytest.raises(DataError, match="TCP at 0,0,150 mm.*spring models"):
+        compensate_program(other, file, tmp_path / "c.src", load=LOAD)
 
 
 def test_a_file_of_another_kind_or_that_exists_is_refused(tmp_path):
