@@ -127,7 +127,7 @@ def compensate_program(
     workpiece: Frames | None = None,
     start: JointPositions | None = None,
     hold: HeldJoints | None = None,
-    harmless: Sequence[str] = (),
+    harmless_calls: Sequence[str] = (),
     strict: bool = False,
     allow_steps: bool = False,
     tolerance: Tolerance = MM_PER_M * TOLERANCE_M,
@@ -158,7 +158,7 @@ def compensate_program(
             None: the middle of the training poses.
         hold: position of an external axis that does not move, deg or mm, by its name; base frames
             are those of the robot there.
-        harmless: routine of another file that changes no frame and no displacement; may be
+        harmless_calls: routine of another file that changes no frame and no displacement; may be
             repeated.
         strict: stop if a motion of a program cannot be corrected.
         allow_steps: write a program although a path steps between corrected and uncorrected
@@ -179,7 +179,7 @@ def compensate_program(
     check_word("frame", frame, get_args(ProgramLoadFrame))
     if output.suffix.lower() != file.suffix.lower():
         raise ConfigError(f"{output}: use the extension of {file.name}", "output")
-    source = read_program(file, harmless)
+    source = read_program(file, harmless_calls)
     written = (output, *(output.with_suffix(path.suffix) for path in source.paths[1:]))
     task = tool_task(model, load=load, start=start, coverage=coverage, files=written, figure=figure)
     robot = task.robot
@@ -278,7 +278,7 @@ def _tool_notes(source: RobotProgram, model: Model, points: FloatArray) -> list[
     for index in dict.fromkeys(source.frame_index.tolist()):
         if np.isnan(points[index]).any() or np.array_equal(points[index], robot.tcp):
             continue
-        own, measured = (
+        own_point, measured = (
             ",".join(f"{number:g}" for number in (place[:3] * MM_PER_M).round(3) + 0.0)
             for place in (to_flange @ np.r_[point, 1.0] for point in (points[index], robot.tcp))
         )
@@ -286,13 +286,13 @@ def _tool_notes(source: RobotProgram, model: Model, points: FloatArray) -> list[
         if not offers(model.fitted, "predict_at_point"):
             row = int(np.argmax(source.frame_index == index))
             raise DataError(
-                f"{source.place(row)}: tool {name} has its TCP at {own} mm in the flange frame "
-                f"(valid: {measured} mm: {model.name} learned deflections of this TCP only; "
-                "spring models such as vjm predict at every TCP)"
+                f"{source.place(row)}: tool {name} has its TCP at {own_point} mm in the "
+                f"flange frame (valid: {measured} mm: {model.name} learned deflections of this TCP "
+                "only; spring models such as vjm predict at every TCP)"
             )
         notes[
-            f"tool {name}: its TCP is at {own} mm in the flange frame, measured was the one at "
-            f"{measured} mm: the springs predict there, with an error that grows with the lever"
+            f"tool {name}: its TCP is at {own_point} mm in the flange frame, measured was the one "
+            f"at {measured} mm: the springs predict there, with an error that grows with the lever"
         ] = None
     return [*notes]
 
@@ -393,8 +393,10 @@ def _check_left_motions(
     is_corrected = np.isin(numbers, source.motion) & ~np.isin(numbers, [*reasons])
     shared = shared_targets(source, is_corrected)
     texts = dict(reasons)
-    for left, corrected in shared.items():
-        texts[left] = f"{reasons[left]}; moves with line {source.motion_lines[corrected]}"
+    for uncorrected, corrected in shared.items():
+        texts[uncorrected] = (
+            f"{reasons[uncorrected]}; moves with line {source.motion_lines[corrected]}"
+        )
     left_motions = tuple(source.left_motion(index, texts[index]) for index in sorted(texts))
     if left_motions and strict:
         first = left_motions[0]
@@ -406,13 +408,13 @@ def _check_left_motions(
         raise ModelError(f"{file}: no motion can be corrected: {'; '.join(_causes(left_motions))}")
     steps = Steps(source, is_corrected, is_loaded).steps
     steps |= {
-        (corrected, left)
-        for left, corrected in shared.items()
-        if is_loaded[left] and source.motions[left].kind != "joint"
+        (corrected, uncorrected)
+        for uncorrected, corrected in shared.items()
+        if is_loaded[uncorrected] and source.motions[uncorrected].kind != "joint"
     }
     if steps and not allow_steps:
-        corrected, left = min(steps, key=max)
-        motion = source.left_motion(left, texts[left])
+        corrected, uncorrected = min(steps, key=max)
+        motion = source.left_motion(uncorrected, texts[uncorrected])
         more = f", and {counted(len(steps) - 1, 'step')} more" if len(steps) > 1 else ""
         raise ModelError(
             f"{file}: step in the path: line {source.motion_lines[corrected]} is corrected, line "

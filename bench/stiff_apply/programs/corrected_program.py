@@ -127,16 +127,16 @@ class Steps(Flow):
             return {LAST: None}
         if item.is_relative:
             return state
-        corrected, left = state.get("corrected"), state.get("left")
+        corrected, uncorrected = state.get("corrected"), state.get("uncorrected")
         if self.is_corrected[index]:
-            self.steps |= {(index, left)} if left is not None else set()
+            self.steps |= {(index, uncorrected)} if uncorrected is not None else set()
             return {LAST: None, "corrected": index}
         self.steps |= {(corrected, index)} if corrected is not None else set()
-        return {LAST: None, "left": index}
+        return {LAST: None, "uncorrected": index}
 
-    def common(self, key: str, one: Any, two: Any) -> Any:
+    def common(self, key: str, first: Any, second: Any) -> Any:
         """Return one of two motions, or the one that there is."""
-        numbers = [number for number in (one, two) if isinstance(number, int)]
+        numbers = [number for number in (first, second) if isinstance(number, int)]
         return min(numbers) if numbers else None
 
 

@@ -147,19 +147,23 @@ class _Reader:
             if re.split(r"[\s(]+", text)[1].lower() not in self.harmless:
                 keys = {"frame": unknown, "tool": unknown}
                 yield Setting({**keys, "frame number": None, "tool number": None})
-        elif not (HARMLESS.match(text) or re.match(r"P\[", text)):
+        elif not (
+            HARMLESS.match(text)
+            or re.match(r"P\[", text)
+            or any(text.lower().startswith(name) for name in self.harmless)
+        ):
             yield Setting({**dict.fromkeys(("UF*", "UT*", "frame", "tool", "other"), unknown)})
 
     def _motion(self, match: re.Match[str], start: int) -> Motion:
         """Return a motion with its points."""
-        letter, rest = match["letter"], match["rest"]
+        letter, options = match["letter"], match["rest"]
         kind = {"J": "joint", "L": "linear"}.get(letter, "circle")
         motion = Motion(start, start + match.end(), "", kind, needs=("other",))
         points = [(match[2], match[3]), *([(match[4], match[5])] if match[4] else [])]
         place = 0
-        while option := OPTION.match(rest, place):
+        while option := OPTION.match(options, place):
             place = option.end()
-        if moved := re.search(r"[^\s,;:]+", rest[place:]):
+        if moved := re.search(r"[^\s,;:]+", options[place:]):
             motion.reason = f"moved by {moved[0]}, or not read"
         elif letter in "AS" or len(points) != 1 + (letter == "C"):
             motion.reason = "arc motions are not read" if letter in "AS" else "cannot be read"
@@ -195,14 +199,16 @@ class _Reader:
         names = JOINTS if has_joints else POSE
         if missing := [axis for axis in names if axis not in axes]:
             return Goal(reason=f"P[{number[1]}] has no number {missing[0]}")
-        others = {
+        other_axes = {
             f"GP{group[1]} {axis[1]}": float(axis[2])
             for group in GROUP.finditer(position["groups"])
             for axis in (AXIS.finditer(group[2]) if group[1] != "1" else ())
         }
-        own = {axis: axes[axis].value for axis in axes if axis[0] == "E" or axis in ("J7", "J8")}
-        external = tuple((own | others).get(axis, np.nan) for axis in EXTERNAL)
-        if strange := (own.keys() | others.keys()) - {*EXTERNAL}:
+        own_axes = {
+            axis: axes[axis].value for axis in axes if axis[0] == "E" or axis in ("J7", "J8")
+        }
+        external = tuple((own_axes | other_axes).get(axis, np.nan) for axis in EXTERNAL)
+        if strange := (own_axes.keys() | other_axes.keys()) - {*EXTERNAL}:
             return Goal(reason=f"P[{number[1]}] moves {min(strange)}, too")
         config = () if has_joints else _config(text, place)
         return Goal(tuple(axes[axis] for axis in names), has_joints, config, external)

@@ -196,18 +196,22 @@ class Flow:
             new[key] = value
         return new
 
-    def common(self, key: str, one: Any, two: Any) -> Any:
+    def common(self, key: str, first: Any, second: Any) -> Any:
         """Return what two different values of a key have in common."""
         if key == LAST:
             return None
-        cause = next((value.cause for value in (one, two) if isinstance(value, Unknown)), "")
-        return Unknown(cause if cause and cause != MISSING.cause else f"{key} is not the same on all ways to it")
+        cause = next((value.cause for value in (first, second) if isinstance(value, Unknown)), "")
+        return Unknown(
+            cause
+            if cause and cause != MISSING.cause
+            else f"{key} is not the same on all ways to it"
+        )
 
-    def _joined(self, one: State | None, two: State) -> State:
-        if one is None or one == two:
-            return two
-        names = {*one, *two}
-        pairs = {name: (one.get(name, MISSING), two.get(name, MISSING)) for name in names}
+    def _joined(self, first: State | None, second: State) -> State:
+        if first is None or first == second:
+            return second
+        names = {*first, *second}
+        pairs = {name: (first.get(name, MISSING), second.get(name, MISSING)) for name in names}
         return {key: a if a == b else self.common(key, a, b) for key, (a, b) in pairs.items()}
 
     def _run(self, name: str, start: State) -> State | None:

@@ -134,8 +134,7 @@ class _Reader:
                 self.inputs[name] = [":IN" in part.upper().replace(" ", "") for part in parts]
                 for part in parts:
                     parameter = re.split(r"[:\[]", part)[0].strip()
-                    self.names.declare(name, parameter)
-                    self.names.assign(name, parameter, None, "is a parameter")
+                    self.names.declare_parameter(name, parameter)
             elif re.fullmatch(r"END(FCT)?", line, re.IGNORECASE):
                 now = self.routines[""]
             else:
@@ -153,8 +152,8 @@ class _Reader:
         if re.fullmatch(r"(BASE|TOOL)_DATA\[\d+\]", name):
             frame = self._frame("", name, statement, value)
             self.state[name] = frame._replace(name=name) if isinstance(frame, Frame) else frame
-        elif index == 1:
-            self.names.declare("", name, Declared(kind, statement, value, 1))
+        elif index == 1 or kind:
+            self.names.declare("", name, Declared(kind, statement, value, index))
 
     def _note_names(self, routine: str, start: int, line: str) -> None:
         """Note what a statement does to names."""
@@ -177,7 +176,7 @@ class _Reader:
             name, inputs = call[1].upper(), self.inputs.get(call[1].upper(), [])
             if name in self.functions:
                 continue
-            for parameter in self.names.parameters(name):
+            for parameter in self.names.parameters[name]:
                 self.names.note_sources(parameter, line[call.end() :])
             for number, argument in enumerate(re.split(r"[,()]", line[call.end() :])):
                 word = re.split(r"[.\[]", argument.strip())[0]
@@ -422,7 +421,7 @@ def _components(statement: Statement, value: Any) -> tuple[dict[str, Number | st
     """Return the components of an aggregate, and the reason why there are none."""
     values = statement.group(value, "{") if value else None
     if values is None:
-        return {}, "is no aggregate"
+        return {}, "has no aggregate"
     components: dict[str, Number | str] = {}
     for inner in values:
         words = [statement.tokens[item] for item in inner if isinstance(item, int)]
@@ -464,7 +463,9 @@ LANGUAGE = Language(
     metres=1e-3,
     radians=float(np.pi / 180.0),
     n_turns=3,
-    motion=re.compile(r"^[ \t]*(?:S?PTP|S?LIN|S?CIRC|SPL)(?:_REL)?(?:[ \t]+[A-Z$]|[ \t]*\{)", re.I | re.M),
+    motion=re.compile(
+        r"^[ \t]*(?:S?PTP|S?LIN|S?CIRC|SPL)(?:_REL)?(?:[ \t]+[A-Z$]|[ \t]*\{)", re.I | re.M
+    ),
     decimals=(4, 5),
     read=read,
     to_rotations=lambda turns: euler_rotations("ZYX", turns),

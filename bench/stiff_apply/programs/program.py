@@ -91,7 +91,7 @@ class LeftMotion(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What a language reads in a program, with the state at the start and text without comments."""
+    """Describe a program: routines, names, the state at the start, and text without comments."""
 
     routines: dict[str, Routine]
     names: Names
@@ -276,8 +276,8 @@ def program_table(
             is_next = index > 0 and before is motions[index - 1] and not reasons[index - 1]
             follows = number > 0 or is_next
             flags = (index, motion.kind != "joint", follows, goal.has_joints, goal.text_index)
-            config = goal.config if is_bound and motion.kind != "circle" else ()
-            rows.append((*flags, pair, goal.numbers, config, goal.external))
+            obeyed = goal.config if is_bound and motion.kind != "circle" else ()
+            rows.append((*flags, pair, goal.numbers, obeyed, goal.external))
     columns = [*zip(*rows, strict=True)] or [()] * 9
     values, places = _columns(columns[6], MOST_NUMBERS)
     config, config_places = _columns(columns[7], MOST_CONFIG)
@@ -362,7 +362,9 @@ def _whole_goal(goal: Goal, last: Goal, frames_of_last: Any, frames: Any) -> Goa
         return Goal(reason=f"{reason}is of another kind or in another frame")
     end = max(number.end for number in goal.numbers if number is not None)
     pairs = zip(goal.numbers, last.numbers, strict=True)
-    numbers = tuple(own or Number(old.value, end, end) for own, old in pairs if old is not None)
+    numbers = tuple(
+        number or Number(before.value, end, end) for number, before in pairs if before is not None
+    )
     return Goal(numbers, goal.has_joints, goal.config, goal.external, goal.text_index)
 
 

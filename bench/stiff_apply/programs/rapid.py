@@ -140,8 +140,7 @@ class _Reader:
                 now = self.routines.setdefault(name, now)
                 for part in re.split(r"[,|]", head.partition("(")[2].rstrip(") ")):
                     words = part.partition("{")[0].replace("\\", " ").split()
-                    self.names.declare(name, words[-1] if words else "")
-                    self.names.assign(name, words[-1] if words else "", None, "is a parameter")
+                    self.names.declare_parameter(name, words[-1] if words else "")
             elif re.fullmatch(r"END(PROC|FUNC|TRAP)", statement, re.IGNORECASE):
                 now = self.routines[""]
             else:
@@ -165,13 +164,19 @@ class _Reader:
             self.names.assign(routine, match["name"], None, "is assigned in the program")
             self.names.note_sources(match["name"], text[match.end() :])
         first = re.match(r"[%\w]*", text)[0]  # type: ignore[index]
-        if not (match or MOTION.match(text) or SETTING.match(text) or HARMLESS.match(text) or first.upper() in FLOW):
+        if not (
+            match
+            or MOTION.match(text)
+            or SETTING.match(text)
+            or HARMLESS.match(text)
+            or first.upper() in FLOW
+        ):
             arguments = text[len(first) :]
         for call in CALL.finditer(without_strings(text)):
             if call[1].lower() in self.routines:
                 arguments += text[call.start() :]
         for name in {word.lower() for word in WORD.findall(text)} & self.routines.keys():
-            for parameter in self.names.parameters(name):
+            for parameter in self.names.parameters[name]:
                 self.names.note_sources(parameter, text)
         self.passed += [(routine, word, first or text[:20]) for word in WORD.findall(arguments)]
 
@@ -266,7 +271,7 @@ class _Reader:
         rows = [statement.numbers(row, "[") or [] for row in statement.group(literal, "[") or ()]
         kind, sizes = kind or "robtarget", [len(row) for row in rows]
         if kind != (expected or kind) or kind not in LITERALS or sizes != LITERALS[kind]:
-            return Goal(reason=f"the target is no literal {expected}")
+            return Goal(reason=f"not a literal {expected}")
         axes = tuple(np.nan if abs(axis.value) > UNUSED_AXIS else axis.value for axis in rows[-1])
         if kind == "jointtarget":
             return Goal(tuple(rows[0]), True, (), axes)
@@ -287,7 +292,7 @@ class _Reader:
             elif declared is None and not self.names.is_used(routine, name):
                 self.frames[key] = Frame(name)  # of another module
             elif declared is None or declared.kind != kind:
-                self.frames[key] = Unknown(f"{kind} {name} {cause or f'is no {kind}'}")
+                self.frames[key] = Unknown(f"{kind} {name} {cause or f'is not {kind}'}")
             else:
                 self.frames[key] = _frame_of(name, declared)
         return self.frames[key]

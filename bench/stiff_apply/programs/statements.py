@@ -171,6 +171,7 @@ class Names:
     """Names with literal values, by routine; a name that is assigned is a variable.
 
     Attributes:
+        parameters: names of the parameters of each routine.
         takes_single: true if a name without a declared value has the value of its only assignment.
     """
 
@@ -179,6 +180,7 @@ class Names:
         self._values: dict[tuple[str, str], Declared | None] = {}
         self._assigned: dict[tuple[str, str], list[tuple[Declared | None, str]]] = {}
         self._sources = defaultdict[str, set[str]](set)
+        self.parameters = defaultdict[str, list[str]](list)
 
     def declare(self, routine: str, name: str, value: Declared | None = None) -> None:
         """Declare a name of a routine ("": of the file), with its literal value if it has one.
@@ -189,6 +191,12 @@ class Names:
         if self._values.get(key) is not None:
             self.assign(routine, name, None, "is declared twice")
         self._values[key] = value
+
+    def declare_parameter(self, routine: str, name: str) -> None:
+        """Declare a parameter of a routine; its value is not known."""
+        self.declare(routine, name)
+        self.assign(routine, name, None, "is a parameter")
+        self.parameters[routine].append(name)
 
     def assign(self, routine: str, name: str, value: Declared | None, cause: str) -> None:
         """Note that a name is assigned, or may be; `cause` says how."""
@@ -207,14 +215,6 @@ class Names:
     def is_local(self, routine: str, name: str) -> bool:
         """Return whether a name is declared in a routine."""
         return (routine, name.lower()) in self._values
-
-    def parameters(self, routine: str) -> list[str]:
-        """Return the parameters of a routine."""
-        return [
-            name
-            for (place, name), changes in self._assigned.items()
-            if place == routine and any(cause == "is a parameter" for _, cause in changes)
-        ]
 
     def is_used(self, routine: str, name: str) -> bool:
         """Return whether a name is declared or assigned in the file."""

@@ -63,7 +63,7 @@ FUNCTIONS = re.compile(
     r"(?:get|is|read|write|socket|rtde|modbus|rpc|pose|str|to|request|zero|encoder|freedrive|tool"
     r"|enable|disable|end_freedrive|set_(?:standard|configurable|tool|digital|analog|flag|payload"
     r"|target_payload|gravity|input|runstate|euromap|safety|baselight))_?\w*"
-    r"|interpolate_pose|wrench_trans|point_dist|inv|norm|normalize|dot|cross|length|size|floor|ceil"
+    r"|interpolate_pose|rpy2rotvec|rotvec2rpy|wrench_trans|point_dist|inv|norm|normalize|dot|cross|length|size|floor|ceil"
     r"|sqrt|a?sin|a?cos|a?tan2?|exp|log|pow|abs|d2r|r2d|random|num_to_str|struct|make_list"
     r"|binary_list_to_integer|integer_to_binary_list|list_\w+|assert|sleep|sync|textmsg|popup"
     r"|stop[jl]|stopjl|force|halt|powerdown|time|protective_stop|position_deviation_warning"
@@ -117,9 +117,7 @@ class _Reader:
                 name = match[1] if match else "?"
                 routine = self.routines.setdefault(name, Routine(name))
                 for part in match[2].split(",") if match else ():
-                    parameter = part.partition("=")[0].strip()
-                    self.names.declare(name, parameter)
-                    self.names.assign(name, parameter, None, "is a parameter")
+                    self.names.declare_parameter(name, part.partition("=")[0].strip())
                 stack.append((routine, word))
             elif re.fullmatch(r"end", statement):
                 opened = stack.pop()[1] if len(stack) > 1 else "?"
@@ -141,12 +139,12 @@ class _Reader:
             literal = Declared("", value, value.values[0]) if is_literal else None
             if match["scope"] == "local":
                 self.names.declare(routine, match["name"])
-            whole = None if match["part"] else literal
-            self.names.assign(routine, match["name"], whole, "is a variable")
+            assigned = None if match["part"] else literal
+            self.names.assign(routine, match["name"], assigned, "is a variable")
             self.names.note_sources(match["name"], text)
         for call in CALL.finditer(without_strings(statement)):
             if call[1] in self.routines:
-                for parameter in self.names.parameters(call[1]):
+                for parameter in self.names.parameters[call[1]]:
                     self.names.note_sources(parameter, statement[call.end() :])
 
     def _items(self, routine: str, start: int, statement: Any) -> Iterator[Any]:
@@ -213,12 +211,12 @@ class _Reader:
         base = Frame("base", NO_FRAME)
         motion = Motion(start, start + len(text), routine, kind, base=base, needs=NEEDS)
         arguments = match["arguments"].rstrip()
-        whole = Statement(f"({arguments}", start + match.start("arguments") - 1)
-        if word not in KINDS or not whole.is_closed or not arguments.endswith(")"):
+        call = Statement(f"({arguments}", start + match.start("arguments") - 1)
+        if word not in KINDS or not call.is_closed or not arguments.endswith(")"):
             motion.reason = f"{word} {'cannot be' if word in KINDS else 'is not'} read"
             return motion
         points = []
-        for part, place in Statement(arguments[:-1], whole.start + 1).parts():
+        for part, place in Statement(arguments[:-1], call.start + 1).parts():
             keyword = re.match(r"\s*(\w+)\s*=(?!=)\s*", part)
             content = part[keyword.end() :] if keyword else part
             if keyword and keyword[1] not in POINTS:

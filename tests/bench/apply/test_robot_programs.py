@@ -228,8 +228,10 @@ def test_a_frame_that_is_not_in_the_program_is_given_by_number_or_listed(tmp_pat
     ):
         with pytest.raises(ConfigError, match=message):
             compensate_program(model, wrong, tmp_path / "e.src", **words)
-    both = {1: words["workpiece"], 2: (380.0, -60.0, 300.0, 0.0, 0.0, 0.0)}
-    done = compensate_program(model, mixed, tmp_path / "f.src", load=LOAD, workpiece=both)
+    frames_by_number = {1: words["workpiece"], 2: (380.0, -60.0, 300.0, 0.0, 0.0, 0.0)}
+    done = compensate_program(
+        model, mixed, tmp_path / "f.src", load=LOAD, workpiece=frames_by_number
+    )
     heights = 1000.0 * done.targets.target[1:, 2]
     assert heights[1] - heights[0] == pytest.approx(50.0)
 
@@ -237,7 +239,9 @@ def test_a_frame_that_is_not_in_the_program_is_given_by_number_or_listed(tmp_pat
 def test_a_step_between_corrected_and_left_motions_of_a_path_is_refused(tmp_path):
     model = model_of("kr10-r1100-2")
     file = krl(tmp_path, f"LIN {POSE}\nLIN XP1\nPTP XHOME\nLIN XP1\n")
-    with pytest.raises(ModelError, match="line 4 is corrected, line 5 is not: LIN XP1: .*variable"):
+    with pytest.raises(
+        ModelError, match=r"line 4 is corrected, line 5 is not: LIN XP1: .*variable"
+    ):
         compensate_program(model, file, tmp_path / "b.src", load=LOAD)
     assert not (tmp_path / "b.src").exists()
     done = compensate_program(model, file, tmp_path / "b.src", load=LOAD, allow_steps=True)
@@ -260,7 +264,7 @@ def test_a_path_goes_on_in_a_subprogram(tmp_path):
 def test_a_left_motion_that_depends_on_a_corrected_target_is_a_step(tmp_path):
     shutil.copy(DOCS / "pocket.dat", tmp_path / "a.dat")
     body = f"LIN XP1\nPTP XHOME\nXP5=XP1:{POSE}\nLIN XP5\n"
-    with pytest.raises(ModelError, match="line 4 is corrected, line 7 is not.*moves with line 4"):
+    with pytest.raises(ModelError, match=r"line 4 is corrected, line 7 is not.*moves with line 4"):
         compensate_program(
             model_of("kr10-r1100-2"), krl(tmp_path, body), tmp_path / "b.src", load=LOAD
         )
@@ -281,7 +285,7 @@ def test_a_circle_is_corrected_with_its_helper_point(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("body", "left"),
+    ("body", "lines"),
     [
         (f"PTP {POSE}\nCIRC {CIRCLE.replace('X 40', 'X 4000')}\n", [4, 5]),  # helper out of reach
         (f"PTP XHOME\nCIRC {CIRCLE}\n", [4, 5]),  # unknown start
@@ -289,19 +293,19 @@ def test_a_circle_is_corrected_with_its_helper_point(tmp_path):
         (f"PTP {POSE}\nCIRC_REL {{X 1}},{{X 2}}\n", [4, 5]),
     ],
 )
-def test_a_circle_is_left_with_all_its_points(tmp_path, body, left):
+def test_a_circle_is_left_with_all_its_points(tmp_path, body, lines):
     file = krl(tmp_path, body)
     done = compensate_program(model_of("kr10-r1100-2"), file, tmp_path / "b.src", load=LOAD)
-    assert [motion.line for motion in done.left_motions] == left
+    assert [motion.line for motion in done.left_motions] == lines
     text = (tmp_path / "b.src").read_text()
-    assert all(file.read_text().splitlines()[line - 1] in text for line in left)
+    assert all(file.read_text().splitlines()[line - 1] in text for line in lines)
 
 
 def test_missing_numbers_of_a_target_are_inserted(tmp_path):
     file = krl(tmp_path, f"LIN {POSE}\nLIN {{X 40}} C_DIS\n")
-    whole = krl(tmp_path, f"LIN {POSE}\nLIN {POSE.replace('X 0', 'X 40')} C_DIS\n", "c.src")
+    full = krl(tmp_path, f"LIN {POSE}\nLIN {POSE.replace('X 0', 'X 40')} C_DIS\n", "c.src")
     model, texts = model_of("kr10-r1100-2"), []
-    for source, name in ((file, "b.src"), (whole, "d.src")):
+    for source, name in ((file, "b.src"), (full, "d.src")):
         compensate_program(model, source, tmp_path / name, load=LOAD)
         texts.append((tmp_path / name).read_text().splitlines()[-1])
     assert texts[0] == texts[1].replace(",A 180,B 0,C 180", "")
@@ -318,7 +322,7 @@ def test_external_axes_that_move_are_listed_and_may_be_held(tmp_path):
     poses = [POSE.replace("}", f",E1 {track}}}") for track in (0, 250, 250)]
     file = krl(tmp_path, "".join(f"LIN {pose}\n" for pose in poses))
     model = model_of("kr10-r1100-2")
-    with pytest.raises(ModelError, match="lines 3-4: .*E1 is at 0.*lines 5-6: .*E1 is at 250"):
+    with pytest.raises(ModelError, match=r"lines 3-4: .*E1 is at 0.*lines 5-6: .*E1 is at 250"):
         compensate_program(model, file, tmp_path / "b.src", load=LOAD)
     held = {"hold": {"E1": 250.0}, "load": LOAD, "allow_steps": True}
     done = compensate_program(model, file, tmp_path / "c.src", **held)
@@ -330,10 +334,13 @@ def test_external_axes_that_move_are_listed_and_may_be_held(tmp_path):
 def test_a_template_of_loads_has_each_motion_and_is_read_back(tmp_path):
     file, model = krl(tmp_path, f"LIN {POSE}\nPTP XHOME\n"), model_of("kr10-r1100-2")
     template = tmp_path / "loads.csv"
-    first = compensate_program(
-        model, file, tmp_path / "b.src", load=LOAD, loads_template=template
-    )
-    assert [row.split(",")[0] for row in template.read_text().splitlines()] == ["line", "3", "4", "5"]
+    first = compensate_program(model, file, tmp_path / "b.src", load=LOAD, loads_template=template)
+    assert [row.split(",")[0] for row in template.read_text().splitlines()] == [
+        "line",
+        "3",
+        "4",
+        "5",
+    ]
     second = compensate_program(model, file, tmp_path / "c.src", loads=template)
     np.testing.assert_array_equal(first.targets.position, second.targets.position)
 
@@ -360,16 +367,16 @@ def test_a_spring_model_predicts_at_the_programs_own_tool(tmp_path):
     done = compensate_program(model, file, tmp_path / "b.src", load=LOAD)
     robot, q = model.fitted.robot_, done.targets.q
     chain = robot.flange @ robot.controller.flange
-    own = replace(robot, tcp=(chain @ np.r_[0.0, 0.0, 0.15, 1.0])[:3])
+    arm = replace(robot, tcp=(chain @ np.r_[0.0, 0.0, 0.15, 1.0])[:3])
     force = np.array(LOAD) @ robot.controller.world[:3, :3].T
-    twists = own.jacobian(q)
+    twists = arm.jacobian(q)
     torque = np.einsum("nij,i->nj", twists[:, :3], force)
     bent = np.einsum("nij,nj->ni", twists[:, :3], model.fitted.springs_.compliance * torque)
-    np.testing.assert_allclose(own.tcp_position(q) + bent, done.targets.target, atol=2e-6)
+    np.testing.assert_allclose(arm.tcp_position(q) + bent, done.targets.target, atol=2e-6)
     assert "springs predict there" in repr(done)
-    other = sb.make_model("knn").fit(sb.load_dataset("kr10-twin"))
-    with pytest.raises(DataError, match="TCP at 0,0,150 mm.*spring models"):
-        compensate_program(other, file, tmp_path / "c.src", load=LOAD)
+    neighbours = sb.make_model("knn").fit(sb.load_dataset("kr10-twin"))
+    with pytest.raises(DataError, match=r"TCP at 0,0,150 mm.*spring models"):
+        compensate_program(neighbours, file, tmp_path / "c.src", load=LOAD)
 
 
 def test_a_file_of_another_kind_or_that_exists_is_refused(tmp_path):

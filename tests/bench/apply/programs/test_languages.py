@@ -57,7 +57,7 @@ def test_a_program_of_the_docs_is_written_back_to_the_byte(name):
         np.testing.assert_array_equal(numbers, program.values[row, : len(numbers)])
 
 
-def left(program) -> list[tuple[int, str, str]]:
+def left_motions(program) -> list[tuple[int, str, str]]:
     """Return line, statement and reason of the motions without targets."""
     return [program.left_motion(i, reason) for i, reason in enumerate(program.reasons) if reason]
 
@@ -74,8 +74,8 @@ def left(program) -> list[tuple[int, str, str]]:
 def test_targets_are_read_and_the_others_are_listed_with_a_reason(name, n, reasons):
     program = read_program(DOCS / name)
     assert len(program) == n
-    assert len(left(program)) == len(reasons)
-    for motion, part in zip(left(program), reasons, strict=True):
+    assert len(left_motions(program)) == len(reasons)
+    for motion, part in zip(left_motions(program), reasons, strict=True):
         assert part in motion.reason
         assert motion.text.split()[0] in program.texts[0].splitlines()[motion.line - 1]
 
@@ -175,7 +175,7 @@ TARGET = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]"
         ("a.src", "\n\nLIN_REL {X 1}\n", 3, "relative"),
         ("a.src", "$TOOL={X 1,Y 2}\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}", 2, "$TOOL={X 1,Y 2}"),
         ("a.src", "LIN {X 1}", 1, "not all numbers"),
-        ("a.mod", "MoveL [[1,2],[1,0,0,0]], v1, z1, t;", 1, "no literal robtarget"),
+        ("a.mod", "MoveL [[1,2],[1,0,0,0]], v1, z1, t;", 1, "not a literal robtarget"),
         (
             "a.mod",
             f"\nMoveL [[1,2,3],[1,1,0,0],[0,0,0,0],{EXTERNAL}], v1, z1, t;",
@@ -204,7 +204,7 @@ def test_a_motion_that_cannot_be_read_is_listed_with_line_and_cause(
 ):
     program = read_program(write_program(tmp_path, name, text))
     assert len(program) == 0
-    motion = left(program)[0]
+    motion = left_motions(program)[0]
     assert motion.line == line and part in motion.reason
 
 
@@ -224,7 +224,7 @@ def test_krl_takes_frames_from_inline_forms_and_points_from_the_dat(tmp_path):
     np.testing.assert_array_equal(program.config[0, :2], [2.0, 35.0])
     names = [[frame.name for frame in program.frames[i]] for i in program.frame_index]
     assert names == [["BASE_DATA[0]", "TOOL_DATA[1]"], ["$NULLFRAME", "TOOL_DATA[2]"]]
-    assert "assigned" in left(program)[0].reason
+    assert "assigned" in left_motions(program)[0].reason
 
 
 def test_the_configurations_of_the_makers_manuals():

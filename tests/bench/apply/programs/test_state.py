@@ -26,7 +26,9 @@ def robtarget(x: float = 0.0, track: str = "9E9") -> str:
 def fanuc(*lines: str, fields: str = "", **frames: str) -> str:
     """Return a program with the positions 1 to 4."""
     body = "".join(f"{i:4}:{line} ;\n" for i, line in enumerate(lines, 1))
-    text = "P[{}]{{\n GP1:\n\tUF : {}, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n\tX = {}.0 mm, Y = 0.0 mm,"
+    text = (
+        "P[{}]{{\n GP1:\n\tUF : {}, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n\tX = {}.0 mm, Y = 0.0 mm,"
+    )
     text += " Z = 150.0 mm,\n\tW = 180.0 deg, P = -.588 deg, R = 0.0 deg{}\n}};\n"
     places = "".join(text.format(i, frames.get("uf", "0"), 400 + i, fields) for i in range(1, 5))
     return f"/PROG P\n/MN\n{body}/POS\n{places}/END\n"
@@ -60,9 +62,9 @@ PROGRAMS = {
         f"\n$OUT[3]=TRUE|CIRC {POSE},{POSE}|WAIT SEC 0.5|LIN {POSE}|END\n"
     ).replace("DEF m()\n", "DEF m()\nDECL FRAME XP1\nDECL FRAME XP2\n"),
     ".mod": (
-        f"{DATA} VAR robtarget p10:={robtarget()};\n VAR robtarget p20:={robtarget(40)};\n PROC main()"
-        f"|Set doGlue;|MoveJ p10, {MOVE}|MoveL p20, {MOVE}|MoveC p20, p10, {MOVE}|WaitTime 1;"
-        f"|MoveL {robtarget(9)}, {MOVE}| ENDPROC\nENDMODULE\n"
+        f"{DATA} VAR robtarget p10:={robtarget()};\n VAR robtarget p20:={robtarget(40)};\n "
+        f"PROC main()|Set doGlue;|MoveJ p10, {MOVE}|MoveL p20, {MOVE}|MoveC p20, p10, {MOVE}|"
+        f"WaitTime 1;|MoveL {robtarget(9)}, {MOVE}| ENDPROC\nENDMODULE\n"
     ),
     ".ls": fanuc("UFRAME_NUM=0", "L P[1] 9mm/sec FINE", "DO[1]=ON", "L P[2] 9mm/sec CNT5", "END")
     .replace(";\n   ", ";|   ")
@@ -164,8 +166,8 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
         # expressions, relative motions, external kinematics
         (
             ".src",
-            f"{FRAMES}LIN XP1:{POSE}\nLIN {POSE}:XP1\nLIN_REL {{Z 5}}\nLIN {POSE}\n$BASE=EK(A,B,C)\n"
-            f"LIN {POSE}",
+            f"{FRAMES}LIN XP1:{POSE}\nLIN {POSE}:XP1\nLIN_REL {{Z 5}}\nLIN {POSE}\n"
+            f"$BASE=EK(A,B,C)\nLIN {POSE}",
             {3: "expression", 4: "expression", 5: "relative", 6: "", 8: "EK(A,B,C)"},
         ),
         # names of routines
@@ -189,7 +191,8 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
         ),
         (
             ".script",
-            "if (a): movel(p[-0.4,0,0.2,0,3,0]) else: movel(b) end\nmovel(p[\n -0.4,0,0.2,\n 0,3,0])",
+            "if (a): movel(p[-0.4,0,0.2,0,3,0]) else: movel(b) end\nmovel(p[\n "
+            "-0.4,0,0.2,\n 0,3,0])",
             {1: "", -1: "b is a variable", 2: ""},
         ),
         # motions of processes, and names like motions
@@ -198,8 +201,9 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
             f"{DATA}PROC main()\nMoveLDO {robtarget()}, v1, z1, mill\\WObj:=fix, do1, 1;\n"
             f"TriggL {robtarget()}, v1, t1, z1, mill\\WObj:=fix;\nmoveCount:=moveCount+1;\n"
             f"display_state;\nMoveL Offs(p1,0,0,5), {MOVE}\nMoveL pPath{{i}}, {MOVE}\n"
-            f"MoveL [[n+1,0,0],[1,0,0,0]], {MOVE}\nENDPROC\nPROC display_state()\nENDPROC\nENDMODULE",
-            {5: "", 6: "", 9: "expression", 10: "expression", 11: "no literal"},
+            f"MoveL [[n+1,0,0],[1,0,0,0]], {MOVE}\nENDPROC\n"
+            f"PROC display_state()\nENDPROC\nENDMODULE",
+            {5: "", 6: "", 9: "expression", 10: "expression", 11: "not a literal"},
         ),
         # FANUC
         (
@@ -223,17 +227,18 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
         # URScript
         (
             ".script",
-            "set_tcp(p[0,0,0.1,0,0,0],\"Mill\")\nd = [f()[0]-0.1, 2]\nW = struct(p=p[-0.4,0,0.2,0,3,0],"
-            "q=[0,-1,1,0,0,0])\nmovej(W.q)\nmovel(W.p)\nmovej([d2r(90),0,0,0,0,0])\n"
+            "set_tcp(p[0,0,0.1,0,0,0],\"Mill\")\nd = [f()[0]-0.1, 2]\n"
+            "W = struct(p=p[-0.4,0,0.2,0,3,0],q=[0,-1,1,0,0,0])\nmovej(W.q)\n"
+            "movel(W.p)\nmovej([d2r(90),0,0,0,0,0])\n"
             "movej(get_inverse_kin(W.p, qnear=W.q))",
             {4: "d = [f()", 5: "d = [f()", 6: "d = [f()", 7: "d = [f()"},
         ),
     ],
 )  # fmt: skip
 def test_a_motion_is_corrected_or_listed_with_its_cause(tmp_path, suffix, text, expected):
-    found = outcomes(read(tmp_path, suffix, text))
-    assert len(found) == len(expected)
-    for (line, reason), (place, part) in zip(found, expected.items(), strict=True):
+    listed = outcomes(read(tmp_path, suffix, text))
+    assert len(listed) == len(expected)
+    for (line, reason), (place, part) in zip(listed, expected.items(), strict=True):
         assert place in (line, -1)
         assert part in reason and bool(part) == bool(reason), (line, reason)
 
@@ -245,7 +250,9 @@ def test_a_routine_of_another_file_may_be_declared_harmless(tmp_path):
 
 
 def test_krl_takes_over_missing_numbers_of_a_literal_target(tmp_path):
-    text = f"{FRAMES}LIN {POSE}\nLIN {{X 5}}\nLIN {{Z 7}}\nPTP {{A1 1}}\n$BASE=$WORLD\nLIN {{X 1}}\n"
+    text = (
+        f"{FRAMES}LIN {POSE}\nLIN {{X 5}}\nLIN {{Z 7}}\nPTP {{A1 1}}\n$BASE=$WORLD\nLIN {{X 1}}\n"
+    )
     program = read(tmp_path, ".src", text)
     assert [bool(reason) for reason in program.reasons] == [False, False, False, True, True]
     np.testing.assert_array_equal(program.values[2, :6], [5, 0, 7, 180, 0, 180])
