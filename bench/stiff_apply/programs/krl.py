@@ -360,6 +360,7 @@ class _Reader:
         values = [*statement.values]
         if is_circle and len(values) == 3 and statement.word(values[2]).upper().startswith("CA"):
             values.pop()
+            motion.ends_at_goal = False
         if len(values) != 1 + is_circle:
             motion.reason = "cannot be read"
         elif isinstance(mode, Unknown):

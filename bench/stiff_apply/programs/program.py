@@ -65,6 +65,7 @@ class Motion:
         config_key: key of the state that says whether the configuration is obeyed; "": it is.
         reason: why it cannot be corrected; "" if it may be.
         is_relative: true if it moves with the target before.
+        ends_at_goal: false if it goes on or stops before its last point.
         expects: values of the state with which its frames are valid, if the state has others.
     """
 
@@ -79,6 +80,7 @@ class Motion:
     config_key: str = ""
     reason: str = ""
     is_relative: bool = False
+    ends_at_goal: bool = True
     expects: dict[str, Any] = field(default_factory=dict)
 
 
@@ -264,7 +266,7 @@ def program_table(
                 last = Goal(reason="circle"), None
             goals.append(_whole_goal(goal, *last, (base, tool)))
             last = (goals[-1], (base, tool))
-        if goals:
+        if goals and motion.ends_at_goal:
             last_goals[motion] = last
         reason = reason or next((goal.reason for goal in goals if goal.reason), "")
         reasons.append(reason)

@@ -192,6 +192,8 @@ class _Reader:
             return
         if match := MOTION.match(statement):
             yield self._motion(routine, start, statement, match)
+            if not match["family"] or match["form"].lower() == "extj":
+                yield Setting({"other": Unknown(f"moved by {match['word']}")})
             return
         yield from self._calls(statement)
         if ASSIGNMENT.match(statement) or DATA.match(statement) or not statement.strip(" ;"):

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from helpers.made_samples import samples_with
+from helpers.quick_models import quick_model
 from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.robot_twin import random_poses
 from stiff_datasets.twin.twin import DigitalTwin
 from stiff_models.io.model_file import load
+from stiff_models.model_catalog import SpringModel
 from stiff_models.physics.fitted_geometry import Geometry, moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, spring_twists
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
@@ -107,6 +110,25 @@ def test_the_tcp_is_predicted_by_the_turn_of_the_tool_about_the_measured_point(o
     to_tcp = rotation @ (kr10.tcp - geometry.robot.tcp)
     expected = model.predict(test.q, at_point) + np.cross(spring_turn[:, 3:], to_tcp)
     np.testing.assert_allclose(model.predict_at_tcp(test.q, test.wrench), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("key", get_args(SpringModel))
+def test_a_spring_model_moves_the_tool_as_a_rigid_body(key):
+    model = quick_model(key)
+    robot, rng = model.robot_, np.random.default_rng(3)
+    q, wrench = rng.uniform(-1.0, 1.0, (20, 6)), rng.normal(size=(20, 6)) * 20.0
+    rotation = robot.forward(q).rotation
+
+    def moved(lever):
+        load = moved_wrench(wrench, rotation @ -lever)  # the same load, at another point
+        return model.predict_at_point(q, load, robot.tcp + lever)
+
+    first, second = np.array([0.1, -0.05, 0.2]), np.array([0.0, 0.15, -0.1])
+    at_tcp = moved(np.zeros(3))
+    np.testing.assert_allclose(at_tcp, optional(model, "predict_at_tcp")(q, wrench), atol=1e-15)
+    summed = moved(first) + moved(second) - at_tcp
+    np.testing.assert_allclose(moved(first + second), summed, atol=1e-12)
+    assert np.abs(moved(first) - at_tcp).max() > 1e-6
 
 
 @pytest.mark.parametrize(
