@@ -144,7 +144,8 @@ class _Reader:
             number = match[2].partition(":")[0]
             yield Setting({f"{key}[{number}]" if number.isdigit() else f"{key}*": unknown})
         elif word in ("CALL", "RUN"):
-            if re.split(r"[\s(]+", text)[1].lower() not in self.harmless:
+            name = re.match(r"\w+\s*(\w*)", text)
+            if name and name[1].lower() not in self.harmless:
                 keys = {"frame": unknown, "tool": unknown}
                 yield Setting({**keys, "frame number": None, "tool number": None})
         elif not (

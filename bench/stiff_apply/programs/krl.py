@@ -331,8 +331,8 @@ class _Reader:
             if key.upper() in ("$BASE", "$TOOL"):
                 values[key[1:].lower()] = self._frame(routine, key, statement, value)
             elif key.upper() == "$IPO_MODE" and text.upper().startswith("SIPO_MODE"):
-                name = re.split(r"[(.)]", text)[1].strip()
-                data = self._fdat(routine, Statement(name, 0), (0,))
+                name = re.fullmatch(r"\w+\s*\(\s*(\w+)\.IPO_FRAME\s*\)", text, re.IGNORECASE)
+                data = self._fdat(routine, Statement(name[1], 0), (0,)) if name else None
                 values["mode"] = data["mode"] if data else Unknown(f"not read: {text}")
             elif key.upper() == "$IPO_MODE":
                 values["mode"] = _mode(text)

@@ -367,7 +367,7 @@ def test_objects_of_classes_and_of_scikit_learn_run_with_their_options_in_the_na
         (ManyOptions(), r"make_model\(ManyOptions"),
         (Halved(factor=np.ones(2)), r"make_model\(Halved"),
         (LikeAnEstimator(), r"'LikeAnEstimator' has fit\(X, y\).*fit\(self, train"),
-        (make_pipeline(StandardScaler(), Ridge()), "Pipeline is not a regressor"),
+        (make_pipeline(StandardScaler(), Ridge()), "requires .steps."),
         (vjm(), "'vjm' is the key of stiffbench"),
     ],
 )
