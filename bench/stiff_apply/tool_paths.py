@@ -164,17 +164,19 @@ def compensate_path(
         output: new file: the commands of the path, or the corrected program with the suffix of
             `program`.
         tool: tool frame in the frame of the last link: x, y, z in mm and a, b, c in deg; by default
-            the model's TCP with the axes of the last link. For a program without tool data it is
-            in the controller's flange frame.
+            the model's TCP with the axes of the last link. For a program, a tool that it
+            does not hold, in the controller's flange frame; several by number or name.
         workpiece: frame of the path or program in the base frame: x, y, z in mm and a, b, c in deg;
-            by default the base frame, or the program's own.
+            by default the base frame. For a program, a frame that it does not hold, in the
+            controller's world frame; several by number or name.
         load: (3,) or (6,) process load on the tool at every point, in N and N m.
-        frame: frame that loads are expressed in.
+        frame: frame of the loads: base (of the robot) or tool. For a program: world (of the
+            controller; the default), base or tool (of each target).
         start: (n_joints,) joint positions near the first point, in deg or mm; they choose the
             configuration. By default the one nearest to the training poses.
         hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
             name or number (rail, J3, 3); without a value at the position in `start` or in the path.
-            May be repeated.
+            For a program, an external axis that does not move, such as E1=250. May be repeated.
         tolerance: largest last step of the iteration, in mm.
         iterations: largest number of predictions per point.
         on_failure: if a point of a path cannot be corrected: stop, or keep it uncorrected and name

@@ -397,6 +397,8 @@ class _Reader:
         axes = tuple(axis.value if isinstance(axis, Number) else np.nan for axis in external)
         config = [components.get(name) for name in ("S", "T")]
         numbers_of_config = tuple(part for part in config if isinstance(part, Number))
+        if len(numbers_of_config) < 2 and any(config):
+            return Goal(reason="S and T are not two literal numbers")
         if has_joints or len(numbers_of_config) < 2:
             return Goal(numbers, has_joints, (), axes, text_index)  # type: ignore[arg-type]
         status, turn = numbers_of_config

@@ -170,6 +170,23 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
             f"$BASE=EK(A,B,C)\nLIN {POSE}",
             {3: "expression", 4: "expression", 5: "relative", 6: "", 8: "EK(A,B,C)"},
         ),
+        # numbers of the target before, after a circle that ends elsewhere; half a configuration
+        (
+            ".src",
+            f"{FRAMES}LIN {POSE}\nCIRC {POSE},{POSE},CA 360\nLIN {{Z 5}}\n"
+            f"PTP {POSE[:-1]},S 2,T N}}\nLIN {POSE[:-1]},E1 N}}",
+            {3: "", 4: "", 5: "not all numbers", 6: "S and T", 7: "E1 N"},
+        ),
+        # tools and work objects that move
+        (
+            ".mod",
+            f"{DATA}VAR tooldata gun:=[FALSE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+            'VAR wobjdata belt:=[FALSE,FALSE,"CNV",[[0,0,9],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+            f"PROC main()\nMoveL {robtarget()}, v1, z1, gun;\n"
+            f"MoveL {robtarget()}, v1, z1, mill\\WObj:=belt;\nMoveExtJ [[9]], v1, z1;\n"
+            f"MoveL {robtarget()}, {MOVE}\nENDPROC\nENDMODULE",
+            {7: "tool on the robot", 8: "does not move", 9: "not read", 10: "MoveExtJ"},
+        ),
         # names of routines
         (
             ".mod",
