@@ -52,7 +52,7 @@ ASSIGNMENT = re.compile(
     r"(?:(?P<scope>global|local)\s+)?(?P<name>\w+)(?P<part>(?:\[[^\]]*\]|\.\w+)*)\s*=(?!=)"
 )
 MOTION = re.compile(
-    r"(?P<word>(?:move|servo|speed|optimove)[a-z]*)\s*\((?P<arguments>.*)", re.DOTALL
+    r"(?P<word>(?:move|servo|speed|optimove)[a-z]*)\s*(?P<arguments>\(.*)", re.DOTALL
 )
 KINDS = {"movel": "linear", "movep": "linear", "movec": "circle", "movej": "joint"}
 JOINT_MOTIONS = ("servoj", "speedj", "optimovej")
@@ -186,13 +186,11 @@ class _Reader:
 
     def _tool(self, routine: str, statement: str, where: str) -> Any:
         """Return the tool of set_tcp(..)."""
-        values = Statement(statement[statement.index("(") + 1 :].rstrip(") \t\r\n") + " ", 0)
-        text = next(values.parts(), ("", 0))[0].strip()
-        text = text + "]" * (text.count("[") - text.count("]"))
-        content = Statement(re.sub(r"^pose\s*=\s*", "", text), 0)
+        place = statement.index("(")
+        arguments = _arguments(statement[place:], 0) or [("", Statement("", 0))]
+        content = arguments[0][1]
         value = content.values[0] if len(content.values) == 1 else ()
-        name = content.name(value) if value else ""
-        if name:
+        if name := content.name(value) if value else "":
             declared, _ = self.names.find(routine, name)
             if declared is None and not self.names.is_used(routine, name) and "[" not in name:
                 return Frame(name)
@@ -210,23 +208,14 @@ class _Reader:
         kind = KINDS.get(word, "joint" if word in JOINT_MOTIONS else "linear")
         base = Frame("base", NO_FRAME)
         motion = Motion(start, start + len(text), routine, kind, base=base, needs=NEEDS)
-        arguments = match["arguments"].rstrip()
-        call = Statement(f"({arguments}", start + match.start("arguments") - 1)
-        if word not in KINDS or not call.is_closed or not arguments.endswith(")"):
+        place = match.start("arguments")
+        arguments = _arguments(text[place:].rstrip(), start + place)
+        points = [point for keyword, point in arguments or () if keyword in ("", *POINTS)]
+        n_points = 1 + (kind == "circle")
+        if word not in KINDS or len(points) < n_points:
             motion.reason = f"{word} {'cannot be' if word in KINDS else 'is not'} read"
             return motion
-        points = []
-        for part, place in Statement(arguments[:-1], call.start + 1).parts():
-            keyword = re.match(r"\s*(\w+)\s*=(?!=)\s*", part)
-            content = part[keyword.end() :] if keyword else part
-            if keyword and keyword[1] not in POINTS:
-                continue
-            points.append((content.strip(), place + len(part) - len(content.lstrip())))
-        n_points = 1 + (kind == "circle")
-        if len(points) < n_points:
-            motion.reason = "cannot be read"
-            return motion
-        motion.goals = tuple(self._goal(routine, Statement(*point)) for point in points[:n_points])
+        motion.goals = tuple(self._goal(routine, point) for point in points[:n_points])
         return motion
 
     def _goal(self, routine: str, statement: Statement) -> Goal:
@@ -241,11 +230,9 @@ class _Reader:
                 return Goal(reason=f"target {text} {cause or 'is an expression'}")
             statement, value = declared.statement, declared.value
         if field:
-            fields = {
-                part.partition("=")[0].strip(): (part.partition("=")[2], place + part.find("=") + 1)
-                for part, place in _inside(statement).parts()
-            }
-            statement = Statement(*fields.get(field, ("", 0)))
+            place = statement.text.find("(")
+            fields = dict(_arguments(statement.text[place:], statement.start + place) or ())
+            statement = fields.get(field, Statement("", 0))
             value = statement.values[0] if len(statement.values) == 1 else ()
         pose, joints = statement.numbers(value, "[", "p"), statement.numbers(value, "[")
         numbers = pose or joints or []
@@ -254,10 +241,22 @@ class _Reader:
         return Goal(tuple(numbers), pose is None)
 
 
-def _inside(statement: Statement) -> Statement:
-    """Return what is in the brackets of struct(..)."""
-    begin = statement.text.find("(") + 1
-    return Statement(statement.text[begin:].rstrip()[:-1], statement.start + begin)
+def _arguments(text: str, start: int) -> list[tuple[str, Statement]] | None:
+    """Return keywords ("": none) and values between the brackets that a text is; None: it is not.
+
+    Args:
+        text: text that begins with a bracket.
+        start: its place.
+    """
+    if not Statement(text, start).is_closed or text[-1:] != ")":
+        return None
+    arguments = []
+    for part, place in Statement(text[1:-1], start + 1).parts():
+        keyword = re.match(r"\s*(\w+)\s*=(?!=)", part)
+        content = part[keyword.end() :] if keyword else part
+        begin = place + len(part) - len(content.lstrip())
+        arguments.append((keyword[1] if keyword else "", Statement(content.strip(), begin)))
+    return arguments
 
 
 def _statements(text: str) -> Iterator[tuple[int, str]]:
