@@ -54,6 +54,11 @@ class Call(NamedTuple):
     name: str
 
 
+def called(name: str, is_sure: bool) -> tuple[Any, ...]:
+    """Return the items of a call of a routine of this file, or of one that may not happen."""
+    return (Call(name),) if is_sure else (Jump("if"), Call(name), Jump("endif"))
+
+
 State = dict[str, Any]
 LAST = "last motion"
 MISSING = Unknown("not set")
@@ -171,7 +176,7 @@ class Flow:
         self._graphs = {name: _Graph(routine.items) for name, routine in routines.items()}
         self._results: dict[Any, State | None] = {}
         self._active = set[str]()
-        called = {
+        called_names = {
             item.name
             for routine in routines.values()
             for item in routine.items
@@ -179,7 +184,7 @@ class Flow:
         }
         lost = lost_state(start, "a routine that is entered at any time")
         for name, routine in routines.items():
-            if routine.entry != "called" or name not in called:
+            if routine.entry != "called" or name not in called_names:
                 self._run(name, lost if routine.entry == "interrupt" else start)
 
     def apply(self, item: Any, state: State) -> State:

@@ -16,13 +16,13 @@ import numpy as np
 
 from stiff_apply.programs.flow import (
     LAST,
-    Call,
     Frame,
     Jump,
     Routine,
     Setting,
     Unknown,
     Value,
+    called,
     lost_state,
 )
 from stiff_apply.programs.program import NEAR_ZERO, NO_FRAME, Goal, Language, Motion, Reading
@@ -148,7 +148,7 @@ class _Reader:
         if not equals:
             return
         statement = Statement(text.rstrip(), start + len(line) - len(text))
-        value = statement.values[0] if len(statement.values) == 1 else ()
+        value = statement.only_value
         if re.fullmatch(r"(BASE|TOOL)_DATA\[\d+\]", name):
             frame = self._frame("", name, statement, value)
             self.state[name] = frame._replace(name=name) if isinstance(frame, Frame) else frame
@@ -166,7 +166,7 @@ class _Reader:
         if match := ASSIGNMENT.match(line):
             text, name = line[match.end() :], match["base"]
             statement = Statement(text, start + match.end())
-            value = statement.values[0] if len(statement.values) == 1 else ()
+            value = statement.only_value
             is_whole = statement.group(value, "{") and not match["part"] and not match["field"]
             is_local = self.names.is_local(routine, name)
             literal = Declared("", statement, value) if is_whole and is_local else None
@@ -215,13 +215,10 @@ class _Reader:
         """Yield calls of routines of this file, and what unknown ones may do."""
         for match in CALL.finditer(without_strings(line)):
             name = match[1].upper()
-            is_statement = match.start() == 0
             if name in self.routines:
                 if re.match(r"(GLOBAL\s+)?INTERRUPT\b", line, re.IGNORECASE):
                     self.routines[name].entry = "interrupt"
-                yield from [Jump("if")] * (not is_statement)
-                yield Call(name)
-                yield from [Jump("endif")] * (not is_statement)
+                yield from called(name, match.start() == 0)
             elif name not in self.functions:
                 yield self._lost(where)
 
@@ -248,7 +245,7 @@ class _Reader:
         """Yield the effect of an assignment on the state."""
         base, part, field = match["base"].upper(), match["part"] or "", match["field"]
         statement = Statement(line[match.end() :].rstrip(), start + match.end())
-        value = statement.values[0] if len(statement.values) == 1 else ()
+        value = statement.only_value
         table = base in ("BASE_DATA", "TOOL_DATA")
         if base in ("$BASE", "$TOOL") or table:
             frame = self._frame(routine, base, statement, value)
@@ -327,7 +324,7 @@ class _Reader:
         for part, place in clause.parts():
             key, _, text = (word.strip() for word in part.partition("="))
             statement = Statement(text, place + len(part) - len(text))
-            value = statement.values[0] if len(statement.values) == 1 else ()
+            value = statement.only_value
             if key.upper() in ("$BASE", "$TOOL"):
                 values[key[1:].lower()] = self._frame(routine, key, statement, value)
             elif key.upper() == "$IPO_MODE" and text.upper().startswith("SIPO_MODE"):

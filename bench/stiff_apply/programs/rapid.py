@@ -22,6 +22,7 @@ from stiff_apply.programs.flow import (
     Routine,
     Setting,
     Unknown,
+    called,
     lost_state,
 )
 from stiff_apply.programs.program import NEAR_ZERO, Goal, Language, Motion, Reading
@@ -221,7 +222,7 @@ class _Reader:
         """Yield calls of functions of this file."""
         for call in CALL.finditer(without_strings(statement)):
             if call[1].lower() in self.routines:
-                yield from (Jump("if"), Call(call[1].lower()), Jump("endif"))
+                yield from called(call[1].lower(), is_sure=False)
 
     def _motion(self, routine: str, start: int, text: str, match: re.Match[str]) -> Motion:
         """Return a motion with its points."""

@@ -105,6 +105,11 @@ class Statement:
         self.is_closed = nesting is not None
         self.values: tuple[Any, ...] = nesting or ()
 
+    @property
+    def only_value(self) -> Sequence[Any]:
+        """Return the value of a text without commas outside of brackets; () for another text."""
+        return self.values[0] if len(self.values) == 1 else ()
+
     def number(self, value: Sequence[Any]) -> Number | None:
         """Return the literal number that a value is; None for another value."""
         if len(value) != 1 or not isinstance(value[0], int):

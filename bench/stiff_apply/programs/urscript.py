@@ -13,12 +13,12 @@ from typing import Any
 
 from stiff_apply.programs.flow import (
     LAST,
-    Call,
     Frame,
     Jump,
     Routine,
     Setting,
     Unknown,
+    called,
     lost_state,
 )
 from stiff_apply.programs.program import NO_FRAME, Goal, Language, Motion, Reading
@@ -164,11 +164,9 @@ class _Reader:
             yield Setting({"tool": self._tool(routine, statement, where)})
             return
         for call in CALL.finditer(without_strings(statement)):
-            name, is_sure = call[1], call.start() == 0
+            name = call[1]
             if name in self.routines:
-                yield from [Jump("if")] * (not is_sure)
-                yield Call(name)
-                yield from [Jump("endif")] * (not is_sure)
+                yield from called(name, call.start() == 0)
             elif name in EFFECTS:
                 key, moves = EFFECTS[name]
                 yield Setting({key: Unknown(f"moved by {name}") if moves else ""})
@@ -189,7 +187,7 @@ class _Reader:
         place = statement.index("(")
         arguments = _arguments(statement[place:], 0) or [("", Statement("", 0))]
         content = arguments[0][1]
-        value = content.values[0] if len(content.values) == 1 else ()
+        value = content.only_value
         if name := content.name(value) if value else "":
             declared, _ = self.names.find(routine, name)
             if declared is None and not self.names.is_used(routine, name) and "[" not in name:
@@ -220,7 +218,7 @@ class _Reader:
 
     def _goal(self, routine: str, statement: Statement) -> Goal:
         """Return a point: a pose, joint angles, or a name that has one."""
-        value = statement.values[0] if len(statement.values) == 1 else ()
+        value = statement.only_value
         text = " ".join(statement.text.split())[:60]
         name, field = statement.name(value) if value else "", ""
         if name:
@@ -233,7 +231,7 @@ class _Reader:
             place = statement.text.find("(")
             fields = dict(_arguments(statement.text[place:], statement.start + place) or ())
             statement = fields.get(field, Statement("", 0))
-            value = statement.values[0] if len(statement.values) == 1 else ()
+            value = statement.only_value
         pose, joints = statement.numbers(value, "[", "p"), statement.numbers(value, "[")
         numbers = pose or joints or []
         if len(numbers) != 6:
