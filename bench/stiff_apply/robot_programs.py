@@ -157,7 +157,7 @@ def compensate_program(
         start: (n_joints,) joint positions of the model's robot near the first target, deg or mm;
             None: the middle of the training poses.
         hold: position of an external axis that does not move, deg or mm, by its name; base frames
-            count for the robot there.
+            count from the robot there.
         harmless_calls: routine of another file that changes no frame and no displacement; may be
             repeated.
         strict: stop if a motion of a program cannot be corrected.
@@ -300,7 +300,7 @@ def _tool_notes(source: RobotProgram, model: Model, points: FloatArray) -> list[
 def _moved_axes(
     source: RobotProgram, problem: TextArray, hold: Mapping[str, float | None]
 ) -> TextArray:
-    """Return problems, also of external axes that move or stand at an unknown place."""
+    """Return the problems, also of external axes that move or are not at a known place."""
     names, problem = source.language.external_names, problem.astype(object)
     places = {name.lower(): column for column, name in enumerate(names)}
     held = {}

@@ -20,6 +20,8 @@ from stiff_protocols.contract.types import FloatArray, Robot, TextArray
 
 TCP_TOLERANCE_M = 1e-4
 """m between a program's tool centre point and the model's; controllers round to 0.001 mm."""
+UNSET = ("$BASE", "$TOOL", "set_tcp", "UF[F]", "UT[F]")
+"""Names of frames that a program uses before it sets them."""
 Frames = Mapping[str, FloatArray]
 """Number or name of a frame, "" for the only one that a program does not hold -> (4, 4) pose, m."""
 
@@ -127,13 +129,20 @@ def _poses(
     """Return (n_frames, 4, 4) bases (side 0) or tools (1), m; note the problems of targets."""
     poses = np.full((len(program.frames), 4, 4), np.nan)
     used, plain, held = set[str](), dict[str, int](), ""
+    is_only_unset = all(
+        pair[side].values or pair[side].name in UNSET
+        for index, pair in enumerate(program.frames)
+        if (side or not program.has_joints[program.frame_index == index].all())
+    )
     for index, pair in enumerate(program.frames):
         frame, rows = pair[side], program.frame_index == index
         if side == 0:
             rows &= ~program.has_joints  # joint angles need no base
         number = re.search(r"\[(\d+)\]", frame.name)
-        names = [frame.name, frame.name.lower(), *([number[1]] if number else [])]
-        name = next((name for name in names if name in given), "" if "" in given else None)
+        names = [frame.name, frame.name.lower(), frame.name.lstrip("$")]
+        names += [number[1]] if number else []
+        takes_plain = "" in given and (is_only_unset or frame.name not in UNSET)
+        name = next((name for name in names if name in given), "" if takes_plain else None)
         if frame.values:
             poses[index] = frame_pose(frame, program.language)
             held = held or frame.name
@@ -143,9 +152,11 @@ def _poses(
             if name == "" and rows.any():
                 plain.setdefault(frame.name, int(np.argmax(rows)))
         elif rows.any():
-            key = f"{number[1]}=" if number else f"{frame.name}=" if frame.name[0] != "$" else ""
+            key = number[1] if number else frame.name.lstrip("$")
             problem[rows & (problem == "")] = (
-                f"{frame.name} is in the controller (give --{option} {key}x,y,z,a,b,c)"
+                f"{frame.name} is not set before (give --{option} {key}=x,y,z,a,b,c)"
+                if frame.name in UNSET
+                else f"{frame.name} is in the controller (give --{option} {key}=x,y,z,a,b,c)"
             )
     if len(plain) > 1:
         (first, _), (second, row) = [*plain.items()][:2]

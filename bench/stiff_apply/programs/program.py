@@ -40,7 +40,7 @@ class Goal:
         config: numbers of the arm's configuration; may be empty.
         external: external axes; NaN for an axis that is not used.
         text_index: number of the text in which the numbers are.
-        reason: why it is not a literal target; "" if it is.
+        reason: why the target is not literal; "" if it is.
     """
 
     numbers: tuple[Number | None, ...] = ()

@@ -379,6 +379,19 @@ def test_a_spring_model_predicts_at_the_programs_own_tool(tmp_path):
         compensate_program(neighbours, file, tmp_path / "c.src", load=LOAD)
 
 
+def test_one_given_frame_belongs_to_the_frame_that_is_set(tmp_path):
+    file = tmp_path / "a.src"
+    joints = "PTP {A1 0,A2 -90,A3 90,A4 0,A5 60,A6 0}\n"
+    file.write_text(f"$BASE={{X 380,Y -60,Z 250,A 0,B 0,C 0}}\n{joints}BAS(#TOOL,1)\nLIN {POSE}\n")
+    model, tool = model_of("kr10-r1100-2"), (60.0, 0.0, 80.0, 0.0, 0.0, 0.0)
+    done = compensate_program(model, file, tmp_path / "b.src", load=LOAD, tool=tool)
+    assert [motion.line for motion in done.left_motions] == [2]
+    assert "not set before (give --tool TOOL=" in done.left_motions[0].reason
+    tools = {"TOOL": tool, 1: tool}
+    done = compensate_program(model, file, tmp_path / "c.src", load=LOAD, tool=tools)
+    assert not done.left_motions
+
+
 def test_a_file_of_another_kind_or_that_exists_is_refused(tmp_path):
     model = model_of("kr10-r1100-2")
     with pytest.raises(ConfigError, match="use the extension of"):
