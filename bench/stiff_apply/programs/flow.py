@@ -64,6 +64,11 @@ LAST = "last motion"
 MISSING = Unknown("not set")
 
 
+def call_text(where: str, name: str) -> str:
+    """Return the cause of a call of a routine that is not in the file."""
+    return f"{where} (--harmless-call {name} if it changes no frame)"
+
+
 def value_of(state: State, key: str) -> Any:
     """Return the value of a key; a frame that is not set is in the controller."""
     family = key.partition("[")[0] + "*"

@@ -22,6 +22,7 @@ from stiff_apply.programs.flow import (
     Setting,
     Unknown,
     Value,
+    call_text,
     called,
     lost_state,
 )
@@ -220,7 +221,7 @@ class _Reader:
                     self.routines[name].entry = "interrupt"
                 yield from called(name, match.start() == 0)
             elif name not in self.functions:
-                yield self._lost(where)
+                yield self._lost(call_text(where, name))
 
     def _bas(self, line: str, where: str) -> Iterator[Any]:
         """Yield the effect of BAS(#..)."""

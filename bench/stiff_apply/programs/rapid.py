@@ -22,6 +22,7 @@ from stiff_apply.programs.flow import (
     Routine,
     Setting,
     Unknown,
+    call_text,
     called,
     lost_state,
 )
@@ -216,7 +217,7 @@ class _Reader:
             if routine and not all(goal.reason for goal in goals):
                 reason = f"{word} is not read"
                 yield Motion(start, start + len(statement), routine, "linear", reason=reason)
-            yield Setting(lost_state(STATE, f"not read: {short}"))
+            yield Setting(lost_state(STATE, call_text(f"not read: {short}", word.capitalize())))
 
     def _calls(self, statement: str) -> Iterator[Any]:
         """Yield calls of functions of this file."""

@@ -18,6 +18,7 @@ from stiff_apply.programs.flow import (
     Routine,
     Setting,
     Unknown,
+    call_text,
     called,
     lost_state,
 )
@@ -171,7 +172,7 @@ class _Reader:
                 key, moves = EFFECTS[name]
                 yield Setting({key: Unknown(f"moved by {name}") if moves else ""})
             elif name not in self.harmless and not FUNCTIONS.fullmatch(name):
-                yield Setting(lost_state(STATE, where))
+                yield Setting(lost_state(STATE, call_text(where, name)))
         if word in FLOW and not ASSIGNMENT.match(statement):
             yield Jump(FLOW[word])
         elif not (
