@@ -394,7 +394,9 @@ class _Reader:
             return Goal(reason=reason)
         axes = tuple(axis.value if isinstance(axis, Number) else np.nan for axis in external)
         config = [components.get(name) for name in ("S", "T")]
-        numbers_of_config = tuple(part for part in config if isinstance(part, Number))
+        numbers_of_config = tuple(
+            part for part in config if isinstance(part, Number) and abs(part.value) < 2**31
+        )
         if len(numbers_of_config) < 2 and any(config):
             return Goal(reason="S and T are not two literal numbers")
         if has_joints or len(numbers_of_config) < 2:
