@@ -37,11 +37,11 @@ MOTION = re.compile(rf"(?P<letter>[LJCAS])\s+{POINT}(?:\s*:?\s*{POINT})?(?P<rest
 NUMBERED = re.compile(r"\s*(\d+)\s*(?::.*)?", re.DOTALL)
 INDEX = r"\[[^\]]*\]"
 OPTION = re.compile(
-    rf"[\s,:]*(?:max_speed|WELD_SPEED|(?:\d+\.?\d*|\.\d+|A?R{INDEX})\s*"
-    r"(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|FINE|(?:CNT|CR|CD|ACC|EV)\s*(?:\d+%?|A?R"
+    rf"[\s,:]*+(?:max_speed|WELD_SPEED|(?:\d++(?:\.\d*+)?|\.\d++|A?R{INDEX})\s*+"
+    r"(?:%|mm/sec|cm/min|inch/min|deg/sec|m?sec)|FINE|(?:CNT|CR|CD|ACC|EV)\s*+(?:\d+%?|A?R"
     rf"{INDEX})|Wjnt|PTH|MROT|BREAK|Skip\s*,\s*LBL{INDEX}|(?:Arc|Weave)\s+(?:Start|End|Sine|Circle"
     rf"|Figure 8)\s*(?:{INDEX})?|(?:TB|TA|DB|TIME\s+BEFORE|TIME\s+AFTER|DISTANCE\s+BEFORE)\s*"
-    r"[-+\d.]+\s*(?:sec|mm)?\s*,\s*(?:P-SPS|POINT_LOGIC|CALL\s+\w+(?:\([^)]*\))?|\w+\[[^\]]*\]"
+    r"[-+\d.]++\s*+(?:(?:sec|mm)\s*+)?,\s*+(?:P-SPS|POINT_LOGIC|CALL\s+\w+(?:\([^)]*\))?|\w+\[[^\]]*\]"
     r"=[^\s,]+))(?![\w.])",
     re.IGNORECASE,
 )
@@ -52,7 +52,7 @@ POSITION = re.compile(
 GROUP = re.compile(r"GP(\d+)\s*:((?:(?!GP\d+\s*:).)*)", re.DOTALL)
 FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
 AXIS = re.compile(
-    r"\b([XYZWPR]|[JE]\d)\s*=\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)\s*(?:mm|deg)",
+    r"\b([XYZWPR]|[JE]\d)\s*=\s*([+-]?(?:\d{1,15}+(?:\.\d*+)?|\.\d++)(?:E[+-]?\d{1,2})?)\s*+(?:mm|deg)",
     re.IGNORECASE,
 )
 CONFIG = re.compile(r"CONFIG\s*:\s*'([^']*)'")

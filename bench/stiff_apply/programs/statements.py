@@ -23,6 +23,8 @@ TOKEN = re.compile(r'"[^"\r\n]*"|[\[\](){},]|[^\s\[\](){},"]+|"')
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?", re.IGNORECASE)
 STRING = re.compile(r"\"[^\"\r\n]*\"")
 WORD = re.compile(r"[A-Za-z_$]\w*")
+LARGEST = 1e100
+"""Numbers from here on are no lengths and angles; squares of smaller ones are finite."""
 
 
 def without_comments(text: str, comment: re.Pattern[str]) -> str:
@@ -115,7 +117,7 @@ class Statement:
         if len(value) != 1 or not isinstance(value[0], int):
             return None
         token = self.tokens[value[0]]
-        if not NUMBER.fullmatch(token[0]):
+        if not NUMBER.fullmatch(token[0]) or not abs(float(token[0])) < LARGEST:
             return None
         return Number(float(token[0]), self.start + token.start(), self.start + token.end())
 

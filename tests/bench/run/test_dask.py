@@ -20,7 +20,7 @@ import pytest
 
 import stiff_models
 from helpers import hostile_models
-from helpers.command_line import assert_refused, bench, bench_here, n_stored, started, wait_until
+from helpers.command_line import bench, bench_here, n_stored, started, wait_until
 from stiff_bench.store.database import read_manifests, read_results
 from stiffbench.main import INTERRUPTION
 
@@ -197,7 +197,8 @@ def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("stiff_bench.run.dask_cluster.SECONDS_TO_CONNECT", 1.0)
     address = f"tcp://127.0.0.1:{free_port()}"
     done = bench_here("run", "--model", "vjm", "--dask", address, "--output", "out", cwd=tmp_path)
-    assert_refused(done, f"--dask {address}: no scheduler answers there")
+    assert done.returncode == 2
+    assert f"--dask {address}: no scheduler answers there" in done.stderr.splitlines()[-1]
 
 
 IN_THE_PLACE_OF_SLURM = """
