@@ -201,7 +201,7 @@ def path_near_training(
     poses = training_range.poses[evenly_spaced(len(training_range.poses), CENTRES)]
     poses = poses if held is None else np.where(np.isnan(held), poses, held)
     order = _most_promising(robot, training_range, poses, shape, size, wrench, moves)
-    near, best = 0.5 * (training_range.lower + training_range.upper), None
+    best = None
     for pose in poses[order[:FOLLOWED]]:
         shape_points = _about(robot, pose, shape, size, n_points, wrench)
         q, reached = _nearest_orientation(robot, shape_points, pose, moves)
@@ -210,7 +210,7 @@ def path_near_training(
         path = ToolPath(
             shape, shape_points.position, robot.forward(q).rotation, shape_points.wrench
         )
-        driven = follow(robot, path.position, path.rotation, near=near, held=held)
+        driven = follow(robot, path.position, path.rotation, near=training_range.middle, held=held)
         if not driven.ok.all():
             continue
         words = training_range.extrapolates(driven.q, path.wrench)

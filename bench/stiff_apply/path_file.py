@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from stiff_apply.tool_task import LoadFrame, frame_matrix, six_numbers
+from stiff_bench.console import say
 from stiff_datasets.measured.load_file import interval_columns
 from stiff_datasets.measured.rotations import (
     euler_angles,
@@ -77,7 +78,6 @@ class PathTable:
         frame_name: name of that frame.
         columns: orientation and load as in the file, in its units.
         lines: (n,) numbers of the rows, for messages.
-        oddities: warnings, one line each.
     """
 
     path: ToolPath
@@ -87,7 +87,6 @@ class PathTable:
     frame_name: str
     columns: pd.DataFrame
     lines: IntArray
-    oddities: tuple[str, ...]
 
     @property
     def pose_columns(self) -> str:
@@ -105,7 +104,7 @@ def read_path(
     frame: LoadFrame = "base",
     workpiece: Sequence[float] | None = None,
 ) -> PathTable:
-    """Read the points of a path.
+    """Read the points of a path; what looks odd in the file is a warning on standard error.
 
     Args:
         file: Parquet or Excel if it ends in .parquet or .xlsx, else CSV.
@@ -181,6 +180,8 @@ def read_path(
     if frame == "tool":
         tools = rotation @ tool[:3, :3]
         wrench = np.einsum("nij,nkj->nki", tools, wrench.reshape(-1, 2, 3)).reshape(-1, 6)
+    for oddity in _oddities(sheet, numbers[:, 3:], angle_columns):
+        say(f"warning: {oddity}")
     return PathTable(
         path=ToolPath(file.stem, position, rotation, wrench),
         q=q,
@@ -189,7 +190,6 @@ def read_path(
         frame_name=frame_name,
         columns=output_columns,
         lines=sheet.lines,
-        oddities=(*_oddities(sheet, numbers[:, 3:], angle_columns),),
     )
 
 

@@ -23,7 +23,6 @@ from stiff_apply.posture_math import (
 )
 from stiff_apply.tool_task import LoadFrame, ToolTask, check_word, frame_matrix, tool_task
 from stiff_bench.api.model import MEAN_ERROR, Model, half_width_name, wrap_model_errors
-from stiff_bench.console import say
 from stiff_bench.parameter_types import (
     Axis,
     Bounds,
@@ -291,8 +290,6 @@ def rank_postures(
             frame=frame,
             workpiece=workpiece,
         )
-        for oddity in table.oddities:
-            say(f"warning: {oddity}")
         if table.q is not None and start is None:
             start = table.q[0]
         tool_path, lines = table.path, table.lines

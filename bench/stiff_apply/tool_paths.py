@@ -214,8 +214,6 @@ def compensate_path(
         frame=frame,
         workpiece=workpiece,
     )
-    for oddity in table.oddities:
-        say(f"warning: {oddity}")
     training_range, wrench = model.training_range, table.path.wrench
 
     with display():

@@ -50,8 +50,7 @@ class ToolTask:
     @property
     def near(self) -> FloatArray:
         """Return the (n_joints,) middle of the training poses, rad or m."""
-        trained = self.model.training_range
-        return 0.5 * (trained.lower + trained.upper)
+        return self.model.training_range.middle
 
     def held(self, positions: FloatArray | None = None) -> FloatArray:
         """Return `held_positions`; without a value they have the (n_joints,) positions given."""

@@ -152,8 +152,7 @@ def reached_poses(
     held = np.full(robot.n_joints, np.nan) if held is None else held
     free = free_joints(robot, held)
     q = grid_configurations(robot, position, rotation, held)
-    middle = 0.5 * (training_range.lower + training_range.upper)
-    q += np.where(free, turns_to(middle, robot, q[None]), 0.0)
+    q += np.where(free, turns_to(training_range.middle, robot, q[None]), 0.0)
     low, high = robot.lower - LIMIT_SLACK, robot.upper + LIMIT_SLACK
     inside: BoolArray = np.asarray(((q >= low) & (q <= high)).all(axis=2))  # not those of NaN
     distance = np.full(inside.shape, np.inf)

@@ -84,6 +84,11 @@ class TrainingRange(BriefFields):
             _evenly(_directions(loaded)),
         )
 
+    @property
+    def middle(self) -> FloatArray:
+        """Return the (n_joints,) middle between the smallest and largest positions, rad or m."""
+        return 0.5 * (self.lower + self.upper)
+
     @cached_property
     def _near_poses(self) -> _Neighbours:
         return _Neighbours(self.poses)
