@@ -59,6 +59,8 @@ FRAME_TEXTS = {
     "base": "base (the program's base frame of each target)",
     "tool": "tool (the tool frame of each target)",
 }
+HELD_TOLERANCE = 0.01
+"""deg or mm: external axes that differ less are at one place; controllers round them to 0.001."""
 MOST_LISTED = 10
 """Largest number of lines in a note."""
 
@@ -313,10 +315,12 @@ def _moved_axes(
         axis = np.nan_to_num(source.external[:, column])
         if not axis.any() and column not in held:
             continue
-        wrong = axis != held.get(column, np.nan)
-        valid = f"--hold {name}={held.get(column, axis.max()):g} corrects the targets there"
-        for row in np.flatnonzero(wrong & (problem == "")).tolist():
-            problem[row] = f"external axis {name} is at {axis[row]:g} ({valid})"
+        wrong = ~(np.abs(axis - held.get(column, np.nan)) <= HELD_TOLERANCE)
+        place = held.get(column, axis[np.argmax(np.abs(axis))])
+        span = f"from {axis.min():g} to {axis.max():g}" if np.ptp(axis) else f"at {axis[0]:g}"
+        problem[wrong & (problem == "")] = (
+            f"external axis {name} is {span} (--hold {name}={place:g} corrects the targets there)"
+        )
     return problem.astype(str)
 
 

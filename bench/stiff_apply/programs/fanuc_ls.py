@@ -212,6 +212,8 @@ class _Reader:
         if strange := (own_axes.keys() | other_axes.keys()) - {*EXTERNAL}:
             return Goal(reason=f"P[{number[1]}] moves {min(strange)}, too")
         config = () if has_joints else _config(text, place)
+        if "'" in text and not (config or has_joints):
+            return Goal(reason="the configuration of the position is not read")
         return Goal(tuple(axes[axis] for axis in names), has_joints, config, external)
 
 

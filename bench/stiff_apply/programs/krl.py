@@ -220,7 +220,7 @@ class _Reader:
                 if re.match(r"(GLOBAL\s+)?INTERRUPT\b", line, re.IGNORECASE):
                     self.routines[name].entry = "interrupt"
                 yield from called(name, match.start() == 0)
-            elif name not in self.functions:
+            elif name not in self.functions and not name.startswith("EKI_"):
                 yield self._lost(call_text(where, name))
 
     def _bas(self, line: str, where: str) -> Iterator[Any]:

@@ -96,7 +96,7 @@ class _Reader:
 
     def __init__(self, text: str, harmless: Collection[str]) -> None:
         self.names, self.routines = Names(takes_single=True), {"": Routine("", entry="file")}
-        self.harmless = {*harmless}
+        self.harmless, self.remotes = {*harmless}, set[str]()
         text = without_comments(text, COMMENT)
         statements = [*self._by_routine(text)]
         for routine, start, statement in statements:
@@ -136,6 +136,8 @@ class _Reader:
         if match := ASSIGNMENT.match(statement):
             text = statement[match.end() :].strip()
             value = Statement(text, start + len(statement) - len(statement[match.end() :].lstrip()))
+            if text.startswith("rpc_factory"):
+                self.remotes.add(match["name"])
             is_literal = len(value.values) == 1 and re.match(r"p?\s*\[|struct\s*\(", text)
             literal = Declared("", value, value.values[0]) if is_literal else None
             if match["scope"] == "local":
@@ -178,6 +180,7 @@ class _Reader:
         elif not (
             is_call
             or ASSIGNMENT.match(statement)
+            or (word in self.remotes and statement[len(word)] == ".")
             or word in ("run", "join", "kill", "pass")
             or word in ("enter_critical", "exit_critical", "global", "local")
         ):

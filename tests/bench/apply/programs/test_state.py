@@ -250,6 +250,19 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
             "movej(get_inverse_kin(W.p, qnear=W.q))",
             {4: "d = [f()", 5: "d = [f()", 6: "d = [f()", 7: "d = [f()"},
         ),
+        (
+            ".script",
+            "daemon = rpc_factory(\"xmlrpc\", \"http://127.0.0.1\")\nset_tcp(p[0,0,0.1,0,0,0])\n"
+            "daemon.show(\"a\")\nmovel(p[-0.4,0,0.2,0,3,0])\nfan.turn(1)\n"
+            "movel(p[-0.4,0,0.2,0,3,0])",
+            {4: "", 6: "fan.turn"},
+        ),
+        # FANUC with texts of another language
+        (
+            ".ls",
+            fanuc("L P[1] 9mm/sec FINE").replace("CONFIG", "KONFIG"),
+            {3: "configuration"},
+        ),
     ],
 )  # fmt: skip
 def test_a_motion_is_corrected_or_listed_with_its_cause(tmp_path, suffix, text, expected):
