@@ -18,10 +18,17 @@ NOT_SAVABLE = (
 )  # pickled by their packages, or another's weights
 
 
+FOREST = "sklearn:ensemble.RandomForestRegressor"
+LONG = (
+    *("bayes-springs", "mlp", "dt-cnn", "ft-mlp", "compliance-net", "residual-mlp", "vjm-gp", "gp"),
+    *("vjm-boosting", "deep-ensemble", FOREST, f"vjm+{FOREST}"),
+)
+"""Models whose checks take seconds."""
+
+
 @pytest.mark.usefixtures("small_source")
 @pytest.mark.parametrize(
-    "key",  # the ensemble is ft-mlp several times
-    [pytest.param(key, marks=[pytest.mark.slow] * (key == "deep-ensemble")) for key in KEYS],
+    "key", [pytest.param(key, marks=[pytest.mark.slow] * (key in LONG)) for key in KEYS]
 )
 def test_a_shipped_model_keeps_the_contract(key, fanuc, monkeypatch):
     monkeypatch.setenv(VARIABLE, OFF)  # a remembered training always repeats itself

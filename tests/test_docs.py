@@ -80,6 +80,7 @@ PLUGINS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", PLUGINS)
 def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(key, fanuc, tmp_path, request):
     request.addfinalizer(registry.cache_clear)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.linalg import hadamard
 
 from stiff_datasets.twin.constants import TwinConstants, specimen_law
 from stiff_datasets.twin.effects import WORLDS, Effect, Friction, World
@@ -181,8 +180,8 @@ class DigitalTwin:
         n = self.robot.n_joints
         if not self.has_friction:
             return np.ones((1, n))
-        size = 1 << n.bit_length()
-        return np.asarray(hadamard(size)[:, 1 : n + 1], dtype=float)
+        smallest = np.array([[1.0, 1.0], [1.0, -1.0]])
+        return np.asarray(reduce(np.kron, [smallest] * n.bit_length())[:, 1 : n + 1])
 
     def truth(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection [m] of the TCP under (n, 6) wrenches at it, without the rig.

@@ -24,8 +24,6 @@ from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
 from annotated_types import Gt
-from scipy.optimize import least_squares
-from scipy.special import ndtri
 
 from stiff_models.fitted_model import FittedModel
 from stiff_protocols.contract.errors import ConfigError
@@ -86,6 +84,8 @@ class Geometry:
 
     def interval(self, coverage: float = INTERVAL) -> FloatArray:
         """Return (3, 2) ends of each coordinate's interval, frame of the robot's flange, m."""
+        from scipy.special import ndtri
+
         turn = self.robot.flange[:3, :3]
         spread = np.sqrt(np.diag(turn.T @ self.covariance @ turn))
         reach = float(ndtri(0.5 + coverage / 2.0)) * spread
@@ -213,6 +213,8 @@ class _Problem:
 
     def searched(self, start: FloatArray, noise: float, sigma: float) -> FloatArray:
         """Return the most probable offset for a noise and a prior's standard deviation, m."""
+        from scipy.optimize import least_squares
+
         if not noise:  # every deflection is zero
             return start
 

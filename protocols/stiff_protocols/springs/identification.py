@@ -22,8 +22,6 @@ from functools import lru_cache
 from itertools import compress
 
 import numpy as np
-from scipy.optimize import least_squares, nnls
-from scipy.special import ndtri
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
 from stiff_protocols.contract.brief_fields import BriefFields
@@ -100,6 +98,8 @@ class Identified(BriefFields):
 
         Intervals of springs that are not identifiable are the prior's, narrowed by the data.
         """
+        from scipy.special import ndtri  # takes a tenth of a second to import
+
         reach = float(ndtri(0.5 + coverage / 2.0)) * self.log_error
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ends = np.exp(np.stack([-reach, reach], axis=1)) / self.compliance[:, None]
@@ -314,6 +314,8 @@ def _most_probable(
 
     `matrix` and `target` are in units of the noise; `fitted` is the least-squares solution.
     """
+    from scipy.optimize import least_squares  # takes half a second to import
+
     n = len(typical)
     spread = (np.eye(n) - 1.0 / n) / PRIOR_SPREAD  # of ln compliance, its mean left out
     explained = matrix @ typical
@@ -352,6 +354,8 @@ Solver = Callable[[FloatArray, FloatArray], FloatArray]
 
 def nonnegative(scaled: FloatArray, target: FloatArray) -> FloatArray:
     """Return the least-squares solution without negative entries; ModelError for none found."""
+    from scipy.optimize import nnls
+
     try:
         return np.asarray(nnls(scaled, target)[0])
     except RuntimeError as error:

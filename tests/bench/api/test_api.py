@@ -170,6 +170,7 @@ def test_two_data_sets_of_one_name_are_refused_and_one_given_twice_is_computed_o
     assert len(once) == len(twice) > 0
 
 
+@pytest.mark.slow
 def test_results_are_tidy_data_tables_comparisons_and_ranks(twin):
     results = sb.evaluate(["vjm", "knn"], twin, protocol="kfold@folds=3")
     assert len(results.fits) == 2 * 3
@@ -190,6 +191,7 @@ def test_results_are_tidy_data_tables_comparisons_and_ranks(twin):
     assert "stiffness A1 [Nm/rad]" in set(results.diagnostics()["diagnostic"])
 
 
+@pytest.mark.slow
 def test_kept_results_are_read_again_and_not_computed_again(twin, tmp_path):
     first, again = (sb.evaluate("zero", twin, splits=1, output=tmp_path) for _ in range(2))
     assert {fit.run_id for fit in first.fits} == {fit.run_id for fit in again.fits}
@@ -303,6 +305,7 @@ def test_a_coverage_outside_0_to_1_is_refused_before_anything_is_predicted(
             call(tmp_path / "none.csv", tmp_path / "out.csv", coverage=coverage)
 
 
+@pytest.mark.slow
 def test_temporary_results_leave_no_folder(twin):
     results = sb.evaluate("zero", twin, splits=1)
     folder = results.folder
@@ -349,6 +352,7 @@ class vjm(Halved):
     """A class with the key of a shipped model."""
 
 
+@pytest.mark.slow
 def test_objects_of_classes_and_of_scikit_learn_run_with_their_options_in_the_names(twin):
     models = [Halved(), Halved(factor=2), sb.make_model(Halved, factor=3.0), Ridge(alpha=0.1)]
     frame = sb.evaluate(models, twin, splits=1).frame().set_index("model")

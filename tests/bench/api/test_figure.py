@@ -22,6 +22,7 @@ def paper() -> PaperResults:
     return PaperResults.of(PAPER_RUNS)
 
 
+@pytest.mark.slow
 def test_a_figure_is_written_to_the_requested_path_and_its_caption_printed(tmp_path):
     compared(tmp_path / "runs")
     words = ["regression", "--results", "runs", "--output", "a.svg"]
@@ -39,6 +40,7 @@ def test_missing_models_of_the_paper_are_named(tmp_path):
             FIGURES[name](PaperResults.of(tmp_path))
 
 
+@pytest.mark.slow
 def test_figure_5_has_the_papers_values_as_stars(paper):
     axes = FIGURES["5"](paper).draw().axes[0]
     lines = [line for line in axes.get_lines() if len(line.get_xdata())]

@@ -141,6 +141,7 @@ def test_a_stopped_simulation_leaves_nothing_behind(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_validate_leaves_with_1_of_what_is_suspicious_and_with_2_and_every_error_if_invalid(
     tmp_path,
 ):
@@ -156,6 +157,7 @@ def test_validate_leaves_with_1_of_what_is_suspicious_and_with_2_and_every_error
         assert part in done.stdout
 
 
+@pytest.mark.slow
 def test_a_description_with_a_gripper_is_planned_read_and_registered_with_one_note(tmp_path, home):
     tree_urdf(tmp_path / "arm.urdf", arm_lines("base", "a", 6) + gripper_lines("a6"))
     plan = ["data", "plan", "--urdf", "arm.urdf", "--payload", "3", "--poses", "8"]

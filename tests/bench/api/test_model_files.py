@@ -157,6 +157,7 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
     np.testing.assert_allclose(table[DEFLECTION] / 1000, deflection, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_file_without_the_rails_column_is_fitted_with_the_rail_held(
     tmp_path, rng, bench, monkeypatch
 ):

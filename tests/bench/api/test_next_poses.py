@@ -43,6 +43,7 @@ def ratio(text):
     return float(re.search(r"([\d.]+) times as much as random", text)[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n_measured", "options", "model"),
     [
@@ -63,6 +64,7 @@ def test_the_next_poses_inform_the_model_given_more_than_random_ones_and_forecas
     assert len(table) == 4 and table["dx_mm"].isna().all()
 
 
+@pytest.mark.slow
 def test_the_next_poses_differ_from_model_to_model(ur5):
     measured = ur5.samples.take(np.arange(9))
     how = PlanOptions(3, None, 200, 5.0, 0.2, 0)

@@ -56,6 +56,7 @@ def given(tmp_path_factory):
     )
 
 
+@pytest.mark.slow
 def test_every_object_fits_a_screen_and_a_notebook_shows_a_few_kilobytes(given):
     for name, thing in vars(given).items():
         lines = repr(thing).splitlines()
@@ -71,6 +72,7 @@ def test_a_figure_is_a_picture_of_a_width_that_fits_a_notebook(given):
     assert image.startswith(b"\x89PNG") and 200 <= about["width"] <= 900
 
 
+@pytest.mark.slow
 def test_names_in_files_are_printed_without_control_signs(given, tmp_path):
     path = tmp_path / "my.csv"
     table = sample_table(given.data.samples, given.data.robot).iloc[:40]
@@ -99,6 +101,7 @@ class Broken:
         return np.zeros((len(q), 3))
 
 
+@pytest.mark.slow
 def test_results_show_failures_with_their_reason_and_compare_data_sets_in_a_matrix(given):
     results = sb.evaluate([Broken, "vjm", "knn"], [given.data, given.measured], splits=1)
     models, matrix = results.summary().tables

@@ -46,6 +46,7 @@ def package(path: Path) -> dict:
 REGISTER = "data register my.csv --robot fanuc-r2000ic --no-torque"
 
 
+@pytest.mark.slow
 def test_a_file_gets_a_card_to_fill_in_and_descriptors_that_follow_it(place):
     printed = done(place, f"{REGISTER} --licence CC-BY-4.0")
     assert names(place) == MADE
@@ -61,6 +62,7 @@ def test_a_file_gets_a_card_to_fill_in_and_descriptors_that_follow_it(place):
     assert package(place / "my.datapackage.json")["citation"].startswith("Me, 2026")
 
 
+@pytest.mark.slow
 def test_a_card_of_ones_own_is_never_changed(place):
     (place / "my.md").write_text("Torques were not measured.\n")
     refused = bench_here(*REGISTER.split(), "--licence", "MIT", cwd=place)
@@ -88,6 +90,7 @@ def test_what_cannot_be_shared_is_refused_and_nothing_is_written(place, words, p
     assert names(place) == before
 
 
+@pytest.mark.slow
 def test_a_named_file_may_have_any_form_but_gets_no_descriptors_then(place):
     table = sb.load_dataset("kr10-twin").frame()
     table.to_csv(place / "kr10.csv", sep=";", decimal=",", index=False)
@@ -99,6 +102,7 @@ def test_a_named_file_may_have_any_form_but_gets_no_descriptors_then(place):
     np.testing.assert_allclose(exported["dx_mm"], table["dx_mm"], rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_pictures")
 def test_what_is_exported_of_a_simulation_never_passes_for_a_measurement(place):
     done(place, "data export kr10-twin --output out")
@@ -109,6 +113,7 @@ def test_what_is_exported_of_a_simulation_never_passes_for_a_measurement(place):
     assert "home" not in names(place)
 
 
+@pytest.mark.slow
 def test_the_commands_that_follow_can_be_pasted_and_name_the_robot(place):
     words = ["data", "export", "my.csv", "--robot", "fanuc-r2000ic", "--no-torque"]
     printed = bench_here(*words, "--output", "out dir ü", cwd=place).stdout
@@ -127,6 +132,7 @@ def test_the_commands_that_follow_can_be_pasted_and_name_the_robot(place):
     assert "every torque is zero" in bench_here(*words, cwd=place).stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("word", ["kr10-twin@plan=wide", "fanuc-r2000ic"])
 def test_an_export_is_that_of_python_and_is_registered_with_the_words_of_its_card(place, word):
     printed, data = done(place, f"data export {word} --output out"), sb.load_dataset(word)

@@ -55,6 +55,7 @@ def test_joints_that_training_never_moved_are_held(twin):
     np.testing.assert_allclose(driven.q[:, still] - training_range.lower[still], 0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_centres")
 def test_a_load_beyond_training_is_counted_and_a_path_that_is_too_large_is_refused(twin):
     training_range = TrainingRange.of(twin.samples)

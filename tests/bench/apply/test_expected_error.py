@@ -67,6 +67,7 @@ def test_error_grows_away_from_training_and_the_half_width_has_its_own_name(vjm,
     np.testing.assert_allclose(of_interval.mean.values, mean)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["vjm", "gp"])
 def test_models_with_and_without_own_intervals_print_both_numbers(name, twin, tmp_path):
     rows = np.arange(0, len(twin.samples), 5)

@@ -85,6 +85,7 @@ def test_with_a_soft_elbow_the_best_branch_is_that_of_the_elbow_over_the_load(he
     assert best_branch.split()[1] == nearer_elbow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_robots())
 def test_every_configuration_of_a_shipped_arm_has_a_branch_of_its_own(name):
     robot, rng = named_robot(name).robot(), np.random.default_rng(0)

@@ -102,6 +102,7 @@ def test_a_saving_within_the_models_uncertainty_is_called_so(ranked, vjm):
     assert "extrapolates" in repr(ranked)
 
 
+@pytest.mark.slow
 def test_the_best_turn_along_a_path_is_written_as_joint_angles_that_drive_it(vjm, line, tmp_path):
     constant = rank_postures(vjm, path=line, load=LOAD, output=tmp_path / "one.csv")
     assert constant.best.size.mean() <= constant.given.size.mean() + 1e-12
@@ -114,6 +115,7 @@ def test_the_best_turn_along_a_path_is_written_as_joint_angles_that_drive_it(vjm
     assert again.given_words == "yours"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [(), ("--path", "line.csv")])
 def test_the_command_prints_the_answer_and_writes_table_and_picture(words, vjm_file, line):
     task = words or ("--point", ",".join(map(str, POINT)), "--coverage", "0.9")
@@ -139,6 +141,7 @@ REFUSED = [
 ]
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line_and_leaves_no_file(vjm_file, tmp_path):
     command = ("posture", "--model", vjm_file, "--load", "0,0,-60,0,0,0", "--output", "p.csv")
     for words, message in REFUSED:

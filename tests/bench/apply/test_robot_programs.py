@@ -74,6 +74,7 @@ def pinocchio_tools(robot, q) -> tuple[np.ndarray, np.ndarray]:
     return np.array(places), np.array(turns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_corrected_targets_of_random_orientation_are_the_commanded_poses(name, tmp_path):
     suffix, model = Path(name).suffix, model_of(ROBOTS[name])
@@ -100,6 +101,7 @@ def test_corrected_targets_of_random_orientation_are_the_commanded_poses(name, t
     assert np.linalg.norm(place - wanted_mm, axis=1)[~good].max(initial=0.0) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_only_the_numbers_of_targets_change(name, tmp_path):
     options = {"load": LOAD, "allow_steps": True, **options_of(name)}
@@ -402,6 +404,7 @@ def test_a_file_of_another_kind_or_that_exists_is_refused(tmp_path):
     assert not (tmp_path / "b.src").exists()
 
 
+@pytest.mark.slow
 def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
     model_of("kr10-r1100-2").save(tmp_path / "my.stiff", cross_validate=False)
     words = ("path", "compensate", "--model", "my.stiff", "--program", str(DOCS / "pocket.src"))

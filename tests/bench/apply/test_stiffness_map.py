@@ -30,6 +30,7 @@ def small(vjm):
         return sb.stiffness_map(vjm, **SMALL)
 
 
+@pytest.mark.slow
 def test_the_first_line_is_the_answer_and_table_and_picture_agree_with_it(vjm_file, tmp_path):
     words = ("--model", vjm_file, "--load", "0,0,-60", "--box", "300,1100,0,0,0,800")
     files = ("--grid", "9", "--output", "map.csv", "--figure", "map.png")
@@ -54,6 +55,7 @@ def test_the_first_line_is_the_answer_and_table_and_picture_agree_with_it(vjm_fi
         assert picture.width > 900
 
 
+@pytest.mark.slow
 def test_the_output_may_be_the_picture(vjm_file, tmp_path):
     words = ("--model", vjm_file, "--quantity", "compliance", "--grid", "8", "--plane", "xy")
     done = bench_here("map", *words, "--output", "only.svg", cwd=tmp_path)
@@ -93,6 +95,7 @@ def test_the_map_of_compliance_is_that_of_vjms_stiffness_matrix_and_needs_vjm(vj
     np.testing.assert_allclose(inverse, of_vjm.compliance[of_vjm.is_reached], rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_component_is_that_of_the_deflection(vjm, small):
     along_z = sb.stiffness_map(vjm, axis="z", **SMALL)
     np.testing.assert_array_equal(along_z.values, small.deflections[..., 2])

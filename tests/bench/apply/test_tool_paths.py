@@ -60,6 +60,7 @@ def corrected(vjm, tmp_path):
     return make
 
 
+@pytest.mark.slow
 def test_a_path_is_made_corrected_and_drawn_on_the_command_line(vjm_file, tmp_path):
     words = ("--shape", "circle", "--points", "21", "--output", "p.csv")
     made = bench_here("path", "example", *words, cwd=tmp_path)
@@ -80,6 +81,7 @@ def test_a_path_is_made_corrected_and_drawn_on_the_command_line(vjm_file, tmp_pa
         assert image.width > image.height > 500
 
 
+@pytest.mark.slow
 def test_commands_of_a_model_of_another_point_are_for_the_tcp_and_say_so(
     square, corrected, twin, capsys
 ):
@@ -116,6 +118,7 @@ class Rounding(Wild):
         return self.predict(q, wrench) * (1.0 + 1e-7)
 
 
+@pytest.mark.slow
 def test_a_rounding_difference_is_not_another_tool_point(square, corrected, vjm, capsys):
     model = sb.make_model("vjm")
     model.fitted = Rounding(vjm.fitted)
@@ -138,6 +141,7 @@ def test_loaded_tool_with_the_written_commands_is_on_the_path(square, corrected,
     assert set(written["uncorrected"]) == {""}
 
 
+@pytest.mark.slow
 def test_same_path_in_other_words_gets_the_same_commands(square, corrected, tmp_path):
     path_table = pd.read_csv(square)
     unloaded, at_path = corrected(path_table.assign(fz_N=0.0, fy_N=0.0, tz_Nm=0.0))
@@ -214,6 +218,7 @@ AS_METRES = [f"{0.7 + 0.01 * i:.3f},0,0.4,180,0,180,0,0,-40" for i in range(5)]
 QUATERNION = "x_mm,y_mm,z_mm,qw,qx,qy,qz,fx_N,fy_N,fz_N"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rows", "parts"),
     [

@@ -55,6 +55,7 @@ def test_the_reach_of_a_planar_arm_is_its_length():
     np.testing.assert_allclose(ends, [[-2.0, 2.0], [-2.0, 2.0], [0.0, 0.0]], atol=0.02)
 
 
+@pytest.mark.slow
 def test_waves_find_all_that_random_seeds_find_at_every_point(kr10, grid, rotation, grid_q):
     points = grid.reshape(-1, 3)
     searched_points = [
@@ -70,6 +71,7 @@ def test_waves_find_all_that_random_seeds_find_at_every_point(kr10, grid, rotati
     np.testing.assert_allclose(tcp, points[np.nonzero(has_q)[0]], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_edge_of_the_reach_is_a_sphere_about_the_shoulder(kr10, rotation):
     region = np.array([[0.0, 1.6], [0.0, 0.0], [-1.0, 1.6]])
     points = plane_grid("xz", 0.0, region, 53)

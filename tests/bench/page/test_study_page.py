@@ -29,6 +29,7 @@ def study(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_page_has_its_notes_tables_and_figures_and_says_what_was_not_computed(study, tmp_path):
     made = MadeResults(tmp_path / study.name / "runs")
     keys = [

@@ -235,6 +235,7 @@ def test_costs_rank_models_without_a_test(made):
     assert task.missing["unknown"] == "no value of fit time [ms]"
 
 
+@pytest.mark.slow
 def test_on_a_study_s_board_a_model_equal_to_its_teacher_says_so_and_wins_nothing(made):
     for number, ratio in enumerate(GOOD):
         made.add_robot(number, {"net": ratio, "vjm-full": ratio})
@@ -244,6 +245,7 @@ def test_on_a_study_s_board_a_model_equal_to_its_teacher_says_so_and_wins_nothin
     assert frame.loc["vjm-full", "won"] == len(GOOD)
 
 
+@pytest.mark.slow
 def test_variants_that_ran_in_some_worlds_have_tables_of_these_worlds(made):
     for number, ratio in enumerate(GOOD):
         made.add_robot(number, {"good": ratio, "wide": 0.9}, words="@world=all")
@@ -263,6 +265,7 @@ def test_variants_that_ran_in_some_worlds_have_tables_of_these_worlds(made):
     assert "wide" not in str(board.texts())
 
 
+@pytest.mark.slow
 def test_on_a_study_s_board_measured_data_have_estimates_and_no_verdicts(made):
     made.add_robots()
     made.add_robot(9, {"good": 3.0, "fair": 0.5}, kind="measured")

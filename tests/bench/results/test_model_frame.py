@@ -29,6 +29,7 @@ def data_text(made: MadeResults) -> str:
     return dict(summarize(scores, model_frame(scores)).sentences)["Data"]
 
 
+@pytest.mark.slow
 def test_a_model_is_ranked_by_its_geometric_mean_over_robots_with_students_interval(made):
     made.add_robots()
     frame = frame_of(made)
@@ -47,6 +48,7 @@ def test_a_model_is_ranked_by_its_geometric_mean_over_robots_with_students_inter
     )
 
 
+@pytest.mark.slow
 def test_data_sets_and_protocols_of_one_robot_weigh_the_same_and_are_one_vote(made):
     for number in range(N_ROBOTS):
         for plan, ratio in (("narrow", 0.2), ("wide", 0.8)):
@@ -58,6 +60,7 @@ def test_data_sets_and_protocols_of_one_robot_weigh_the_same_and_are_one_vote(ma
     assert net["ratio"] == pytest.approx(0.4 * spread) and net["n robots"] == N_ROBOTS
 
 
+@pytest.mark.slow
 def test_worlds_of_a_robot_weigh_the_same_and_have_columns_with_intervals(made):
     """Two plans share the vote of the world clean."""
     ratios = {"@plan=narrow@world=clean": 0.2, "@world=clean": 0.8, "@world=all": 0.9}
@@ -76,6 +79,7 @@ def test_worlds_of_a_robot_weigh_the_same_and_have_columns_with_intervals(made):
     assert ends == pytest.approx(0.9 * np.exp(bounds))
 
 
+@pytest.mark.slow
 def test_the_coverage_of_the_models_own_intervals_has_a_column_by_world_and_number_of_poses(made):
     for number in range(N_ROBOTS):
         for words in ("@world=clean", "@world=all"):
@@ -102,6 +106,7 @@ def test_with_few_robots_the_ratio_is_their_mean_and_there_is_no_interval(made):
     assert "low" not in frame and "won" not in frame
 
 
+@pytest.mark.slow
 def test_p_values_are_sign_flips_over_robots_corrected_for_all_models(made):
     """Five robots are too few for significance; six are enough."""
     for n_robots in (5, 6):
@@ -116,6 +121,7 @@ def test_p_values_are_sign_flips_over_robots_corrected_for_all_models(made):
     assert frame.loc["fair", "like best"] is False
 
 
+@pytest.mark.slow
 def test_the_rival_is_the_best_spring_model_and_every_model_has_a_verdict_against_it(made):
     for number, ratio in enumerate(GOOD):
         ratios = {"net": 0.5 * ratio, "vjm-full": ratio, "curve-springs@a=1": 2.0 * ratio}
@@ -127,12 +133,14 @@ def test_the_rival_is_the_best_spring_model_and_every_model_has_a_verdict_agains
     }
 
 
+@pytest.mark.slow
 def test_a_model_within_five_percent_of_the_best_is_like_it(made):
     for number, ratio in enumerate(GOOD):
         made.add_robot(number, {"net": ratio, "twin": 1.01 * ratio, "far": 1.2 * ratio})
     assert frame_of(made)["like best"][["twin", "far"]].tolist() == [True, False]
 
 
+@pytest.mark.slow
 def test_measured_robots_have_their_own_columns_and_are_not_averaged(made):
     made.add_robots()
     made.add_robot(9, {"good": 3.0, "fair": 0.5}, kind="measured")
@@ -144,6 +152,7 @@ def test_measured_robots_have_their_own_columns_and_are_not_averaged(made):
     assert "smallest on the board: fair (0.50)" in data_text(made)
 
 
+@pytest.mark.slow
 def test_enough_measured_robots_are_the_board_and_have_no_columns_of_their_own(made):
     made.add_robots(kind="measured")
     made.add_robot(20, {"good": 5.0, "fair": 5.0})
@@ -153,6 +162,7 @@ def test_enough_measured_robots_are_the_board_and_have_no_columns_of_their_own(m
     assert "7 of 8 robots are measured" in data_text(made)
 
 
+@pytest.mark.slow
 def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
     made.add_robots()
     made.add_robot(20, {"good": 0.3, "fair": 0.7})
@@ -170,6 +180,7 @@ def test_a_model_without_every_score_is_not_on_the_board_and_is_named(made):
     assert any("Not on the board" in note and "some (2 of 8)" in note for note in board.notes)
 
 
+@pytest.mark.slow
 def test_one_split_of_each_data_set_is_enough_and_the_vjm_of_that_split_counts(made):
     for number, ratio in enumerate(GOOD):
         made.add_robot(number, {"good": ratio, "net": 2.0 * ratio})
@@ -181,6 +192,7 @@ def test_one_split_of_each_data_set_is_enough_and_the_vjm_of_that_split_counts(m
     assert split_notes(scores, table) == ["With fewer splits: net (7 of 14)."]
 
 
+@pytest.mark.slow
 def test_seeds_of_a_pre_training_are_one_model(made):
     for number, ratio in enumerate(GOOD):
         made.add_robot(number, {"net@layers=2": ratio})
@@ -189,6 +201,7 @@ def test_seeds_of_a_pre_training_are_one_model(made):
     assert ratio == pytest.approx(np.sqrt(2.0) * stats.gmean(GOOD))
 
 
+@pytest.mark.slow
 def test_errors_on_paths_and_with_fewer_poses_are_over_those_of_the_vjm(made):
     made.add_robots()
     for number, ratio in enumerate(FAIR):

@@ -25,6 +25,7 @@ def newest(read: Callable[[], pd.DataFrame], message: str) -> pd.DataFrame:
         return read()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CASE.exists(), reason="the cases of the maintainers are not here")
 def test_a_file_that_was_corrected_and_run_again_has_only_its_new_fits(tmp_path):
     robot = sb.read_robot(CASE / "arm.urdf", tcp=(0.06, 0.0, 0.08))
@@ -119,6 +120,7 @@ def test_a_selection_holds_for_frames_and_an_outdated_name_warns_only_of_itself(
     )
 
 
+@pytest.mark.slow
 def test_a_summary_of_several_data_sets_ranks_by_the_truth_where_it_was_asked_for(tmp_path):
     data = ["ur5-twin", "arm-family@world=clean"]
     for metrics, heading in (([], "3-D error"), (["true-norm", "norm"], "true error")):

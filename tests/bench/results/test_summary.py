@@ -24,6 +24,7 @@ def sentence_of(made: MadeResults, label: str) -> str:
     return dict(summary_of(made).sentences)[label]
 
 
+@pytest.mark.slow
 def test_over_robots_the_headline_has_the_best_model_its_interval_and_its_robots(made):
     made.add_robots()
     scores = made.scores()
@@ -35,6 +36,7 @@ def test_over_robots_the_headline_has_the_best_model_its_interval_and_its_robots
         assert f"{good[key]:.2f}" in headline
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "ratios", [(0.5, 1.6, 0.7, 1.3, 0.6, 1.5, 0.9), (0.3, 0.5, 0.9, 1.4, 1.6), GOOD[:5]]
 )
@@ -44,11 +46,13 @@ def test_the_headline_claims_nothing_that_chance_explains(made, ratios):
     assert summary_of(made).headline.startswith("No model is reliably better")
 
 
+@pytest.mark.slow
 def test_exceptions_name_robots_on_which_another_model_is_ahead(made):
     made.add_robots()
     assert "fair on robot-6 (0.400 against 0.450)" in sentence_of(made, "But")
 
 
+@pytest.mark.slow
 def test_rivals_that_are_not_clearly_worse_are_named(made):
     for number, ratio in enumerate(GOOD):
         rival = ratio * (0.9 if number % 2 else 1.15)

@@ -53,6 +53,7 @@ def computed():
     return compute
 
 
+@pytest.mark.slow
 def test_a_model_finds_no_test_label_in_its_process_and_none_of_its_scores(computed):
     good_result, *thief_results = computed("Good", "StealsTest", "PatchesTheEngine", splits=1)[1]
     assert good_result.status == "ok" and good_result.prediction is not None
@@ -79,6 +80,7 @@ def test_every_model_of_the_catalogue_runs_in_a_process_as_it_does_in_this_one(
             assert there.prediction.predicted.tobytes() == here.prediction.predicted.tobytes()
 
 
+@pytest.mark.slow
 def test_what_a_cell_reports_is_shown_and_what_it_prints_is_not(computed, capfd):
     seen = RecordingDisplay()
     (result,) = computed("Reports", splits=1, display=seen)[1]
@@ -87,6 +89,7 @@ def test_what_a_cell_reports_is_shown_and_what_it_prints_is_not(computed, capfd)
     assert "past Python" not in "".join(capfd.readouterr())
 
 
+@pytest.mark.slow
 def test_a_crash_costs_only_its_own_row(tmp_path):
     models = [word for key in ("Segfaults", "Raises", "knn") for word in ("--model", key)]
     done = bench_here("run", "--plugin", str(PLUGIN), *models, "--output", "out", cwd=tmp_path)

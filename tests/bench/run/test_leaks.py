@@ -104,6 +104,7 @@ def assert_the_same(first, second):
     np.testing.assert_array_equal(first.reference, second.reference)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_source")
 @pytest.mark.parametrize("key", KEYS)
 def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
@@ -119,6 +120,7 @@ def test_no_test_deflection_is_read_before_the_last_prediction_nor_changes_one(
     assert_the_same(*as_it_is_and_with_other_test_deflections(task, options, computed_under_seal))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_source")
 @pytest.mark.parametrize("key", ["mlp-pretrained", "ft-mlp", "dt-cnn"])
 def test_no_test_pose_or_load_shapes_the_pre_training_that_splits_share(
@@ -159,6 +161,7 @@ def test_an_ensembles_noise_is_not_that_of_the_papers_test_rows_that_choose_its_
     assert max(widths) < 0.1  # m; the deflections are moved by 7 m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", FAIR)
 def test_no_fair_protocol_lets_a_test_deflection_be_read_early(protocol, tasks_of):
     tasks = tasks_of(("knn", "mlp@width=4@epochs=1"), protocol=protocol)

@@ -44,6 +44,7 @@ def grid_file(tmp_path, monkeypatch):
     return write
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["knn", "vjm-gp"])  # split-conformal intervals, and its own
 def test_choice_prediction_and_intervals_do_not_change_with_the_test_deflections(key):
     protocol = "nested@inner_folds=2"
@@ -59,6 +60,7 @@ def test_choice_prediction_and_intervals_do_not_change_with_the_test_deflections
     assert (first.calibration_samples > 0) == (key == "knn")
 
 
+@pytest.mark.slow
 def test_a_fit_sees_only_the_training_side_and_calibration_poses_choose_nothing(monkeypatch):
     seen = []
     (task,) = tasks("knn", coverage=True)

@@ -73,6 +73,7 @@ def witnessed(task):
     return SEEN
 
 
+@pytest.mark.slow
 def test_no_model_is_given_the_robot_that_answers(tasks):
     assert tasks[0].data.under_load is not None
     assert not any(hasattr(item, "under_load") or callable(item) for item in witnessed(tasks[0]))
@@ -81,6 +82,7 @@ def test_no_model_is_given_the_robot_that_answers(tasks):
     assert SEEN[0].samples is tasks[0].data.samples and SEEN[0].under_load is None
 
 
+@pytest.mark.slow
 def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_there():
     (task,) = listed(("vjm@tcp=fit",), splits=1)
     given = fit_input(replace(task, cell=replace(task.cell, coverage=0.9)))
@@ -95,6 +97,7 @@ def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_ther
     assert np.linalg.norm(middle - predicted, axis=1).mean() < 0.5 * away  # of a second fit
 
 
+@pytest.mark.slow
 def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results):
     def constant_answer(q, wrench):
         return np.full((len(q), 3), 7.0)
@@ -129,6 +132,7 @@ def test_results_with_and_without_paths_are_of_the_same_data_set(stored_tasks):
     assert {task.name.protocol for task in newest_tasks(every)} == {PATHS, "holdout"}
 
 
+@pytest.mark.slow
 def test_holdout_with_paths_has_the_fits_and_errors_of_holdout():
     with_paths, without = (
         [computed(task) for task in listed(("vjm-full",), (protocol,))]
@@ -140,6 +144,7 @@ def test_holdout_with_paths_has_the_fits_and_errors_of_holdout():
         assert result.cell.data_sha256 == plain.cell.data_sha256
 
 
+@pytest.mark.slow
 def test_the_remaining_error_on_paths_with_holdout_equals_path_compensation():
     both_result, path_result = (
         computed(listed(("vjm-full",), (protocol,), splits=1)[0])

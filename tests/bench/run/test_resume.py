@@ -64,6 +64,7 @@ def bytes_of_results(folder: Path) -> dict[str, bytes]:
     return predictions
 
 
+@pytest.mark.slow
 def test_the_same_command_again_computes_nothing_and_prints_the_same_table(run, tmp_path):
     _, first, message = run()
     assert summary_of(message) == "6 ok"
@@ -79,6 +80,7 @@ def rows_of_cells(folder: Path) -> list[tuple[object, ...]]:
         return db.execute("SELECT * FROM cell ORDER BY key").fetchall()
 
 
+@pytest.mark.slow
 def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     run(splits=2)
     _, table, message = run(splits=5)
@@ -88,6 +90,7 @@ def test_more_splits_compute_those_that_are_missing(run, tmp_path):
     assert table == run(splits=5)[1]
 
 
+@pytest.mark.slow
 def test_a_corrupt_row_is_an_error_and_all_is_computed_again_on_request(run, tmp_path):
     run()
     results_before = bytes_of_results(tmp_path)

@@ -96,6 +96,7 @@ FIRST_WITH = {
 """Option and kind -> the first command that has it; one reader reads it in all commands."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_nonsense_for_any_parameter_is_refused_in_one_line(command, refused):
     for name, kind_and_need in PARAMETERS[command].items():

@@ -42,6 +42,7 @@ def test_a_page_fits_the_terminal_and_breaks_no_name(command, help_page):
     assert BROKEN.search("\n".join(lines)) is None
 
 
+@pytest.mark.slow
 def test_the_commands_and_options_of_the_table_are_those_with_a_description(help_page):
     assert {f"bench {words}" for words in BY_WORDS} == {*COMMANDS}
     for command in COMMANDS:

@@ -85,6 +85,7 @@ def folder(tmp_path_factory):
     return made.folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmt", FORMATS)
 @pytest.mark.parametrize(
     "words",
@@ -101,6 +102,7 @@ def test_output_about_hostile_results_is_harmless(words, fmt, folder, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.slow
 def test_a_hostile_word_on_the_command_line_is_refused_in_one_printable_line(tmp_path):
     for name in HOSTILE:
         if "\0" in name:  # no operating system passes it

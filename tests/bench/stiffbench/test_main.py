@@ -50,6 +50,7 @@ IMPORTS = (
 STORED_RUN = ["run", "--model", "vjm", "--splits", "1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "heavy"),
     [
@@ -67,6 +68,7 @@ def test_a_command_loads_nothing_heavy_that_it_does_not_need(words, heavy, tmp_p
     assert done.stdout.strip().endswith("[]")
 
 
+@pytest.mark.slow
 def test_a_command_with_a_spring_models_file_loads_no_library_of_learners(vjm_file, tmp_path):
     joints = ",".join(f"q{i}_deg" for i in range(1, 7))
     text = f"{joints},fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm\n10,-60,70,0,40,0,50,10,-80,1,2,0\n"
@@ -79,6 +81,7 @@ def test_a_command_with_a_spring_models_file_loads_no_library_of_learners(vjm_fi
     assert done.stdout.strip().endswith("[]")
 
 
+@pytest.mark.slow
 def test_a_board_is_printed_on_a_console_without_its_characters(tmp_path):
     made = MadeResults(tmp_path / "results")
     made.add_each({"vjm": [0.1, 0.2], "knn": [0.3, 0.4]}, "twin ≈")

@@ -106,6 +106,7 @@ def contents(folder):
     return {path: path.is_file() and path.read_bytes() for path in folder.rglob("*")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", REFUSED)
 def test_invalid_words_are_refused_in_one_line_and_nothing_is_written(words, folder):
     before = contents(folder)

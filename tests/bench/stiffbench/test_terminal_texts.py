@@ -41,6 +41,7 @@ ON_RESULTS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_pictures")
 @pytest.mark.parametrize(
     ("width", "commands"), [(80, COMMANDS), (80, ON_RESULTS), (100, COMMANDS[-4:] + ON_RESULTS)]

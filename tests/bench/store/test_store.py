@@ -259,6 +259,7 @@ for index in range(100_000):
 """
 
 
+@pytest.mark.slow
 def test_a_writer_that_is_killed_at_any_moment_loses_nothing_that_it_had_stored(tmp_path):
     rng = np.random.default_rng(0)
     for number in range(2):

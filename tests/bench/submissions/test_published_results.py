@@ -52,6 +52,7 @@ def changed(published, folder, **columns):
     return folder
 
 
+@pytest.mark.slow
 def test_only_the_new_models_fits_are_computed_and_published_ones_are_shown_too(
     published, run_against, tmp_path
 ):
@@ -76,6 +77,7 @@ def test_the_short_version_takes_the_published_results_of_its_splits_only(
     assert {result.cell.seed for result in read_results(tmp_path / "mine")} == {0}
 
 
+@pytest.mark.slow
 def test_a_complete_study_shows_the_new_model_on_its_board_and_page(
     board_study, half_springs, tmp_path
 ):
@@ -102,6 +104,7 @@ def test_a_complete_study_shows_the_new_model_on_its_board_and_page(
     assert (statuses["half-springs"], statuses["vjm"]) == ("reported", "verified")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "reason"),
     [

@@ -41,6 +41,7 @@ def test_the_committed_schema_is_that_of_the_records():
     assert (TOP / SCHEMA_FILE).read_text("utf-8") == schema_text()
 
 
+@pytest.mark.slow
 def test_every_exported_line_follows_the_schema_and_holds_the_stored_numbers(results, tmp_path):
     lines = exported(results, "jsonl", tmp_path).read_text("utf-8").splitlines()
     validator = jsonschema.Draft202012Validator(json.loads((TOP / SCHEMA_FILE).read_text("utf-8")))
@@ -76,6 +77,7 @@ def test_a_table_has_a_row_for_each_fit_and_a_column_for_each_metric(fmt, result
     assert {row["model_options"] for row in rows if row["model"] == "vjm"} == {"{}"}
 
 
+@pytest.mark.slow
 def test_a_folder_without_results_and_a_missing_package_are_refused(results, tmp_path, monkeypatch):
     words = ("results", "export", "--output", "x.parquet", "--results")
     assert_refused(bench_here(*words, tmp_path / "no", cwd=tmp_path), "no: ")

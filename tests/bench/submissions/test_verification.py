@@ -147,6 +147,7 @@ def assert_failed(done, subject: str, *parts: str) -> None:
     assert status == "failed" and all(part in text for part in parts), text
 
 
+@pytest.mark.slow
 def test_an_honest_submission_is_verified_and_what_is_not_verified_is_listed(
     submission, study_file, refitted_here
 ):
@@ -159,6 +160,7 @@ def test_an_honest_submission_is_verified_and_what_is_not_verified_is_listed(
     assert done.stdout.splitlines()[-1] == f"verified: {submission}"
 
 
+@pytest.mark.slow
 def test_the_choice_of_fits_is_printed_and_repeated_by_its_seed(
     submission, study_file, refitted_here
 ):
@@ -167,6 +169,7 @@ def test_the_choice_of_fits_is_printed_and_repeated_by_its_seed(
     assert done[0].stdout == done[1].stdout
 
 
+@pytest.mark.slow
 def test_a_changed_file_is_refused_and_nothing_else_is_read(submission, study_file, tmp_path):
     def nothing(_):
         pass
@@ -217,6 +220,7 @@ def test_edited_predictions_without_new_metrics_are_refused(submission, study_fi
     assert_failed(verified(forged(submission, tmp_path, edit), study_file), "metrics", "kr10-twin")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gain", "reason"),
     [(0.33, "33% of the RMS error"), (0.05, "the stated 3-D error is 5% lower")],
@@ -266,6 +270,7 @@ def test_copied_test_labels_are_refused_also_with_noise_or_mixed_with_a_model(
     assert_failed(done, "labels", "noise")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
@@ -307,6 +312,7 @@ def test_a_missing_record_is_refused(submission, study_file, tmp_path):
     assert_failed(verified(copy, study_file), "splits", "no record")
 
 
+@pytest.mark.slow
 def test_records_of_other_code_are_refused(submission, study_file, tmp_path, refitted_here):
     copy = forged(submission, tmp_path, lambda _: None)
     plugin = copy / "code" / "half_springs.py"
@@ -325,6 +331,7 @@ def test_a_model_that_cannot_be_run_here_is_reported(submission, study_file, tmp
     assert done.returncode == 0 and done.stdout.splitlines()[-1] == f"reported: {submission}"
 
 
+@pytest.mark.slow
 def test_the_column_of_status_has_what_was_verified_and_written(
     submission, study_file, tmp_path, refitted_here
 ):
@@ -340,6 +347,7 @@ def test_the_column_of_status_has_what_was_verified_and_written(
     assert model_statuses(runs, submissions)["half-springs"] == "reported"
 
 
+@pytest.mark.slow
 def test_a_verified_submission_is_added_to_results_as_if_it_were_computed_there(
     submission, study_file, tmp_path, refitted_here
 ):

@@ -160,6 +160,7 @@ def test_facts_of_no_samples_are_refused(rng):
         facts(made_data(chain([("revolute", "z")]), 0, rng))
 
 
+@pytest.mark.slow
 def test_the_picture_says_title_groups_and_that_zero_loads_have_no_direction(planar, tmp_path):
     path = tmp_path / "made.svg"
     dataset_picture(planar, "cost_$a^{ (simulated)").save(path)
@@ -169,6 +170,7 @@ def test_the_picture_says_title_groups_and_that_zero_loads_have_no_direction(pla
         assert words in text
 
 
+@pytest.mark.slow
 def test_a_picture_is_made_of_any_chain_even_of_one_sample_without_load(rng, tmp_path):
     joints = chain([("revolute", "x"), ("prismatic", "y")])
     data = made_data(joints, 1, rng, wrench=np.zeros((1, 6)), deflection=np.zeros((1, 3)))
@@ -179,6 +181,7 @@ def test_a_picture_is_made_of_any_chain_even_of_one_sample_without_load(rng, tmp
     assert struct.unpack(">II", content[16:24]) == (1500, 1200)
 
 
+@pytest.mark.slow
 def test_a_large_cloud_is_thinned_with_a_note_in_the_picture(rng):
     data = made_data(chain([("revolute", "z")]), 4000, rng)
     figure = dataset_picture(data, "made (simulated)").draw()

@@ -94,6 +94,7 @@ def test_a_difference_that_is_open_names_no_winner(made):
     assert "No model is reliably better" in sentence and "is better than" not in sentence
 
 
+@pytest.mark.slow
 def test_several_data_sets_are_one_matrix_and_verbose_adds_their_tables(made):
     for number, _ in enumerate(TWINS):
         dataset = f"data-set-{number}"

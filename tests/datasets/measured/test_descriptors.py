@@ -78,6 +78,7 @@ def test_the_committed_descriptors_are_those_of_file_card_and_code(name):
     )
 
 
+@pytest.mark.slow
 @shipped
 def test_croissant_reads_the_rows_of_the_file(name):
     rows, read = cells(FOLDER / name), records(descriptor_files(FOLDER / name)[0])
@@ -102,6 +103,7 @@ DAMAGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_copy_is_refused_by_both(damage, tmp_path):
     from mlcroissant import Dataset, GenerationError

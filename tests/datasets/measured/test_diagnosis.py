@@ -53,6 +53,7 @@ def not_named(faults, data, folder):
 DRIFT, JUMP = "dz drifts by 0.6 mm", "dz jumps by 0.6 mm half-way"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "fault", "words", "rows"),
     [
@@ -68,6 +69,7 @@ def test_a_drift_or_a_jump_is_no_tool_and_a_tool_is_neither(source, fault, words
     assert warning.rows == rows
 
 
+@pytest.mark.slow
 def test_a_drift_is_sought_in_the_order_that_the_file_states(tmp_path):
     data = clean("kr10-twin", 1)
     table = FAULTS[DRIFT][0](data).assign(order=np.arange(len(data.table)))
@@ -96,6 +98,7 @@ def test_clean_rows_neither_drift_nor_jump(source, n):
         assert find_change(measurement, rows, find_outliers(measurement).odd) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", QUICK)
 def test_a_planted_mistake_is_named(source, tmp_path):
     assert not_named(QUICK[source], clean(source, 1), tmp_path) == {}
@@ -114,6 +117,7 @@ def test_nearly_every_planted_mistake_is_named_and_none_wrongly(source, first, t
         assert data.no_torque or set(missed_faults) <= SOMETIMES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twin", ["kr10-twin", "ur5-twin"])
 def test_clean_data_are_ok(twin, tmp_path):
     report = clean(twin, 1).report(tmp_path / "my.csv")
@@ -128,6 +132,7 @@ def with_tcp_read_as(data, signs):
     return dataclasses.replace(data, robot=dataclasses.replace(robot, tcp=robot.tcp + moved))
 
 
+@pytest.mark.slow
 def test_a_tcp_of_the_wrong_sign_is_named_without_torques(tmp_path):
     (warning,) = (
         with_tcp_read_as(clean("FANUC"), [1.0, 1.0, -1.0])
@@ -148,6 +153,7 @@ def named_numbers(data, table, path):
     return warning.message, np.array(numbers.groups(), dtype=float)
 
 
+@pytest.mark.slow
 def test_an_offset_of_a_tenth_of_the_force_is_named_with_its_value(tmp_path):
     data, offset = clean("ur5-twin", 1), np.array([1.5, -1.5, 1.5])
     table = added(FORCE, *offset)(data)
@@ -160,11 +166,13 @@ def test_an_offset_of_a_tenth_of_the_force_is_named_with_its_value(tmp_path):
     np.testing.assert_allclose(numbers, offset, atol=0.8)
 
 
+@pytest.mark.slow
 def test_torques_about_the_flange_are_named_where_tilting_bearings_hide_them(tmp_path):
     data = clean("kr10-twin-omni", 0)
     assert outcome("torque about the flange", data, tmp_path / "my.csv") == "named"
 
 
+@pytest.mark.slow
 def test_curved_springs_under_planned_weights_are_no_tool(tmp_path, monkeypatch):
     constants = shipped_constants("ur5")
     robot = constants.robot()
@@ -178,6 +186,7 @@ def test_curved_springs_under_planned_weights_are_no_tool(tmp_path, monkeypatch)
     assert not any("look as if" in warning.message for warning in report.warnings)
 
 
+@pytest.mark.slow
 def test_missing_torques_are_no_mistake_where_that_is_declared(tmp_path):
     """For the FANUC, the second warning names a wrong TCP or force point."""
     fanuc, path = clean("FANUC"), tmp_path / "my.csv"

@@ -105,6 +105,7 @@ def test_a_number_too_large_for_a_computer_is_refused(book, kr10):
             read_samples(path, kr10)
 
 
+@pytest.mark.slow
 def test_a_far_cell_is_named_and_needs_little_memory(book, kr10):
     path = book(cells={"XFD1048576": 1})
     tracemalloc.start()
@@ -148,6 +149,7 @@ def repeated(text, part, n):
     return text.replace(b"</sheetData>", part * n + b"</sheetData>")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("part", "n"),
     [

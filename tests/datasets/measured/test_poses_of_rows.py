@@ -156,6 +156,7 @@ def test_rows_that_differ_by_whole_turns_are_one_pose_without_names(turned, kr10
     assert len(pairs) == len(set(samples.pose_id)) == 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "second"),
     [("P", "p"), ("pose ", "pose"), ("0", ""), ("", ".0"), ("P", "Q")],
@@ -209,6 +210,7 @@ def test_a_slow_motion_that_links_all_rows_to_one_pose_is_a_suspicion(repeats, k
         sb.Dataset.from_samples(checked.samples, kr10)
 
 
+@pytest.mark.slow
 def test_a_repeat_a_whole_turn_away_under_another_name_is_named_as_a_repeat(turned, kr10, tmp_path):
     row = turned[turned["q6_deg"] == 179.99].iloc[[0]]
     copy = row.assign(pose_id="copy", q6_deg=row["q6_deg"] - 360.0)

@@ -28,6 +28,7 @@ def assert_identical(samples, expected):
     assert samples.instrument_noise == expected.instrument_noise
 
 
+@pytest.mark.slow
 def test_other_si_numbers_are_written_as_the_nearest_and_are_exact_from_then_on(folder, rng, kr10):
     n = 2000
     pose, same = np.arange(n).astype(str), np.full(n, "1")

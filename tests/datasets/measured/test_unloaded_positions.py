@@ -120,6 +120,7 @@ def test_angles_that_the_urdf_maps_from_its_controller_are_named(measurement):
     assert "the controller's, with joint 3 measured from the ground" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "degrees"), [(1, -10.0), (4, 15.0), (2, 50.0), (3, 4.0)])
 def test_a_zero_that_is_off_is_named_with_its_angle(measurement, joint, degrees):
     q = with_zero(measurement.q, joint, degrees)
@@ -135,6 +136,7 @@ def test_right_positions_are_ok_and_less_than_a_nanometre_away(measurement):
     assert "0 mm (median)" in fact_of(report, "unloaded positions")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("also_deflections", [False, True])
 def test_positions_that_contradict_the_angles_name_the_distance_and_the_joint(
     measurement, also_deflections
@@ -151,6 +153,7 @@ def test_positions_that_contradict_the_angles_name_the_distance_and_the_joint(
     assert "A3 looks as if it were measured from the ground" in ground
 
 
+@pytest.mark.slow
 def test_a_zero_is_told_from_positions_alone(measurement):
     q = with_zero(measurement.q, 3, -2.5)
     text = text_of(measurement.report(measurement.with_positions(q, turn=TURN, shift=SHIFT)))
@@ -200,6 +203,7 @@ def test_deflections_with_the_bases_axes_are_not_turned_for_the_positions_frame(
     assert "99." in fact_of(report, "joint springs")
 
 
+@pytest.mark.slow
 def test_register_refuses_what_does_not_tell_a_frame(measurement):
     in_line = measurement.with_positions().iloc[[0] * 6]
     tables = {
@@ -214,6 +218,7 @@ def test_register_refuses_what_does_not_tell_a_frame(measurement):
         assert words in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_shift_an_uncalibrated_robot_and_a_missing_position_are_ok(measurement):
     noise = np.random.default_rng(0).normal(0.0, 1.8, (60, 3))
     tables = {
@@ -255,6 +260,7 @@ def test_a_command_registers_a_file_and_requires_one(measurement):
         sb.plan_poses(measurement.path.with_name("plan.csv"), register=True)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CASES.is_dir(), reason="the cases are not part of the repository")
 @pytest.mark.parametrize(
     ("file", "urdf", "words"),

@@ -84,6 +84,7 @@ def test_a_wrench_in_the_tool_frame_with_other_axes_is_named(measurement):
     assert only(report.warnings, f"wrench looks as if it were {words}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "unit"), [(1000.0, "grams"), (0.001, "tonnes")])
 def test_masses_in_another_unit_are_named_and_no_other_unit_is_blamed(twin, tmp_path, factor, unit):
     robot = dataclasses.replace(twin.robot, masses=factor * twin.robot.masses)
@@ -124,6 +125,7 @@ def test_clean_data_have_no_outliers_however_few_they_are(measurement, n):
         assert not find_outliers(read(measurement, deflection).take(rows)).odd.any()
 
 
+@pytest.mark.slow
 def test_copies_of_a_row_of_its_deflection_or_of_the_whole_table_are_found(fanucs):
     table, copy_message = fanucs.table(), "the same three deflections"
     n = len(table)
@@ -228,6 +230,7 @@ def test_validate_and_the_vjm_name_the_same_joints(kr10, tmp_path, rng):
     assert all(f"{name} " in only(report.facts, "k of the prior").message for name in names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [0, 5])
 def test_a_negative_stiffness_is_called_negative_and_not_unidentifiable(joint, twin, tmp_path):
     stiffness = np.where(np.arange(6) == joint, -KR10_STIFFNESS, KR10_STIFFNESS)

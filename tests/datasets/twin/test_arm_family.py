@@ -62,6 +62,7 @@ def deflections(data, constants):
     return sizes_mm
 
 
+@pytest.mark.slow
 def test_the_card_has_what_each_arm_is_like(constants, deflections):
     card = (files("stiff_datasets") / "data" / "arm_family.md").read_text(encoding="utf-8")
     rows = [[word.strip() for word in line.split("|")[1:-1]] for line in card.splitlines()]
@@ -79,6 +80,7 @@ def test_the_card_has_what_each_arm_is_like(constants, deflections):
     ]
 
 
+@pytest.mark.slow
 def test_ten_robots_have_151_poses_inside_the_limits_and_loads_to_80_percent(data, constants):
     assert (
         len({benchmark_data.robot.name for benchmark_data in data})
@@ -97,6 +99,7 @@ def test_ten_robots_have_151_poses_inside_the_limits_and_loads_to_80_percent(dat
         assert np.abs(direction.mean(axis=0)).max() < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", NUMBERS)
 def test_a_gears_rated_torque_is_near_the_joints_static_torque(number, data, constants):
     twin, q = constants[number], data[number].samples.q

@@ -36,6 +36,7 @@ def work(torque: np.ndarray, theta: np.ndarray) -> float:
     return float(np.sum((torque[1:] + torque[:-1]) / 2.0 * np.diff(theta)))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(TORQUES, st.floats(0.0, 0.9))
 def test_no_closed_cycle_of_torque_makes_energy(corners: list[float], width: float) -> None:
@@ -125,6 +126,7 @@ def test_arrays_of_gears_follow_the_law_of_each() -> None:
         assert theta[number] == pytest.approx(alone)
 
 
+@pytest.mark.slow
 def test_the_law_follows_every_measured_loop() -> None:
     residuals = loop_residuals(LOOPS)
     stiff, play = (residuals[residuals["test"] == test] for test in ("stiff", "play"))

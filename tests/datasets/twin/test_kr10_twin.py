@@ -29,6 +29,7 @@ def data():
     return {(key, number): KEYS[key](calibration=number).load() for key, number in VARIANTS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("key", "number"), VARIANTS)
 def test_it_holds_the_151_planned_poses_with_its_number_of_loads(data, key, number):
     samples, loads = data[key, number].samples, 5 if "multi" in key else 1
@@ -53,6 +54,7 @@ def test_a_ropes_torque_is_at_right_angles_to_its_force():
     assert np.abs(along).max() < 0.02  # sensor noise
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", KEYS)
 def test_specimens_and_seeds_differ_and_the_same_words_give_the_same_bytes(data, key):
     variants = [{}, {"specimen": 1}, {"specimen": 9}, {"seed": 1}]

@@ -26,6 +26,7 @@ def omni(loads_per_pose=1, seed=0):
     )
 
 
+@pytest.mark.slow
 def test_what_is_written_is_valid_measured_data_of_the_twin_in_either_format(tmp_path, kr10):
     read_back = []
     for path in (tmp_path / "s.csv", tmp_path / "s.parquet"):
@@ -58,6 +59,7 @@ def test_an_unknown_ending_and_a_folder_that_is_not_there_are_refused(tmp_path):
         simulate(tmp_path / "absent" / "s.csv", omni(), 10)
 
 
+@pytest.mark.slow
 def test_all_columns_of_a_world_are_its_samples_with_approach_and_the_reading_after(tmp_path):
     experiment = TwinData(world="friction").experiment(shipped_constants("ur5"), loads_per_pose=2)
     simulate(tmp_path / "s.csv", experiment, 30)

@@ -81,6 +81,7 @@ def motion(twin: DigitalTwin, q: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     return np.asarray(joints + np.diff(structure, axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", [*WORLDS])
 def test_no_closed_cycle_of_forces_and_moments_makes_energy(world: World) -> None:
     twin = twin_of(world)
@@ -107,6 +108,7 @@ def test_without_plays_the_tangent_compliance_is_symmetric(world: str) -> None:
     assert compliance == pytest.approx(compliance.T, abs=2e-3 * np.abs(compliance).max())
 
 
+@pytest.mark.slow
 def test_the_mean_over_few_states_is_that_over_all_approaches() -> None:
     twin = twin_of("friction", "ur5")
     q, wrench = loads(twin, 6)
@@ -179,6 +181,7 @@ def independent_truth(
     return loaded - unloaded
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", [*WORLDS])
 def test_the_truth_of_each_world_is_that_of_an_independent_computation(world: str) -> None:
     twin = twin_of(world)
@@ -329,6 +332,7 @@ def test_a_data_set_of_a_world_has_its_truth_and_models_never_get_it(world: str)
     assert again.sha256 == data.sha256
 
 
+@pytest.mark.slow
 def test_drawn_deflections_scatter_about_the_truth_and_their_mean_is_the_truth() -> None:
     shares = []
     for seed in range(12):
@@ -354,6 +358,7 @@ def test_errors_against_the_drawn_state_are_those_against_the_truth_without_fric
     assert (drawn == true) == (world == "clean")
 
 
+@pytest.mark.slow
 def test_specimen_seed_and_approach_give_other_data() -> None:
     hashes = {
         ArmFamily(world="all", robot=8, **options).load().sha256

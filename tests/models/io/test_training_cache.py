@@ -36,6 +36,7 @@ def fit(twin, cls=FtMlp, n_rows=100, seed=1, **options):
     return cls(**options).fit(samples, robot=twin.robot, seed=seed)
 
 
+@pytest.mark.slow
 def test_variants_of_fine_tuning_pre_train_once_and_so_does_the_pretrained_model(
     twin, trainings, monkeypatch
 ):
@@ -74,6 +75,7 @@ def test_third_party_code_is_part_of_the_key(twin, monkeypatch, tmp_path, traini
         assert len(trainings) == n_trainings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
     [

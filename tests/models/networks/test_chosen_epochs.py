@@ -60,6 +60,7 @@ def test_a_single_pose_is_trained_to_the_end(twin):
     assert chosen_epochs(one_pose, (0, 30), lambda *_: pytest.fail("divided"), seed=0) == 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cls", [Mlp, FtMlp])
 def test_a_network_is_then_trained_so_long_on_all_rows(cls, parts, small_source):
     robot, train, held_out, _ = parts

@@ -45,6 +45,7 @@ def test_an_angle_and_the_same_angle_a_turn_later_are_one_input(parts):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("freeze", STRATEGIES)
 def test_every_strategy_moves_its_own_parameters_and_no_others(freeze, parts):
     model = fit(FtMlp(**SMALL_SOURCE, epochs=20, freeze=freeze, training="normal"), parts)

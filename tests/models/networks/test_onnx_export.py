@@ -50,6 +50,7 @@ def test_onnxruntime_predicts_what_the_model_does(key, tmp_path, capfd):
     assert meta["robot"] == model.robot_.name and "rad" in meta["units"]
 
 
+@pytest.mark.slow
 def test_an_ensemble_is_the_mean_of_its_members_in_torch():
     model, samples = quick_model(ENSEMBLE), twin_data().samples
     module = model._torch_module()

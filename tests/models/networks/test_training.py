@@ -50,6 +50,7 @@ def test_training_lowers_the_error(optimizer, loss, rate):
     assert error(net, data) < 0.9 * before
 
 
+@pytest.mark.slow
 def test_the_best_step_on_the_validation_rows_is_kept():
     net, data, held_out = network(width=64), rows(12), rows(200, seed=2)
     curve = train(net, data, plan(steps=300, keep_best=True), validation=held_out)

@@ -192,6 +192,7 @@ def test_a_saved_model_predicts_the_same(options, strain_wave, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_student_weights_keep_the_contract(fanuc):
     checks = check_model(
         lambda: CurveSprings(weights="student"), fanuc, uses_validation=False, load=load

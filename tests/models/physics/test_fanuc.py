@@ -22,6 +22,7 @@ def _family(model, mae_mm, tolerance, *, unknown="none"):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "mae_mm", "tolerance"),
     [

@@ -81,6 +81,7 @@ def test_a_prior_holds_the_point_the_nearer_the_narrower_it_is(model, kr10, rng)
     assert distances[-1] == pytest.approx(np.linalg.norm(OFFSET), rel=0.3)
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_point_in_nine_of_ten_measurements(kr10, rng):
     true_point = offset_robot(kr10).tcp_on_flange
     inside = []
@@ -173,6 +174,7 @@ def offset_ur5():
     return PathCompensation().prepared(data)
 
 
+@pytest.mark.slow
 def test_commands_are_for_the_tools_own_tcp_where_another_point_was_measured(offset_ur5):
     protocol, is_path = PathCompensation(), offset_ur5.samples.group == PATH_GROUP
     rows = np.flatnonzero(is_path)

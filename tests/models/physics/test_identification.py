@@ -75,6 +75,7 @@ def test_no_spring_across_a_joint_lies_outside_that_range(arm):
         assert model.springs_.unidentifiable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
 def test_nine_of_ten_intervals_hold_the_stiffness(arm):
     inside = []

@@ -95,6 +95,7 @@ def test_stiffnesses_and_curves_are_those_of_linear_springs(rng):
         assert (deviation < 0.1 * np.abs(turn).max()).all()
 
 
+@pytest.mark.slow
 def test_curves_lie_on_the_gears_of_the_simulated_robot(clean):
     train, _, _ = divided(clean)
     curves = BayesSprings().fit(train, robot=clean.robot).curves_
@@ -110,6 +111,7 @@ def test_a_model_without_springs_of_the_joints_identifies_no_stiffness(few):
     assert not model.springs_.is_identified.any()
 
 
+@pytest.mark.slow
 def test_without_a_load_nothing_moves(few):
     robot, train = few
     model = BayesSprings().fit(train, robot=robot)
@@ -117,6 +119,7 @@ def test_without_a_load_nothing_moves(few):
     assert not model.predict_reading(train.q, np.zeros_like(train.wrench)).any()
 
 
+@pytest.mark.slow
 def test_it_is_better_than_linear_springs_on_gears_and_finds_no_soft_parts_there(clean):
     train, test, truth = divided(clean)
     model, linear = (cls().fit(train, robot=clean.robot) for cls in (BayesSprings, FullVjm))
@@ -128,6 +131,7 @@ def test_it_is_better_than_linear_springs_on_gears_and_finds_no_soft_parts_there
     assert report["contribution of joints [mm]"] > 0.3 * total
 
 
+@pytest.mark.slow
 def test_a_planted_force_point_is_found_and_left_out_of_predictions(clean):
     point = np.array([0.012, -0.016, 0.0])  # m, 20 mm beside the TCP
     train, test, truth = divided(clean)
@@ -142,6 +146,7 @@ def test_a_planted_force_point_is_found_and_left_out_of_predictions(clean):
     assert error(model.predict(train.q, written), train.deflection) > 0.035
 
 
+@pytest.mark.slow
 def test_a_planted_drift_is_found_where_the_file_states_an_order(clean):
     train, test, truth = divided(clean, 60)
     order = np.argsort(np.argsort(train.pose_id)).astype(float)
@@ -159,6 +164,7 @@ def test_a_planted_drift_is_found_where_the_file_states_an_order(clean):
     assert (of_reading**2 > of_robot**2 + model.file_variance_).all()
 
 
+@pytest.mark.slow
 def test_friction_of_a_known_approach_is_found_and_left_out_of_predictions(clean, rng):
     train, test, truth = divided(clean, 60)
     approach = rng.choice([-1.0, 1.0], train.q.shape)
@@ -208,6 +214,7 @@ def test_a_planted_soft_link_is_found(clean):
     assert error(predict(model, test) - predict(stiff, test), extra[120:]) < 0.2
 
 
+@pytest.mark.slow
 def test_intervals_of_readings_hold_and_are_wider_than_those_of_the_robot(clean):
     train, test, _ = divided(clean, 60)
     model = BayesSprings().fit(train, robot=clean.robot)
@@ -234,6 +241,7 @@ def test_the_covariance_of_a_deflection_with_itself_is_its_variance(few, clean):
     assert (model.noise_variance() > 0.0).all()
 
 
+@pytest.mark.slow
 def test_a_wild_reading_hardly_counts(clean):
     robot, train = clean.robot, divided(clean)[0]
     deflection = train.deflection.copy()
@@ -243,6 +251,7 @@ def test_a_wild_reading_hardly_counts(clean):
     assert error(predict(wild, train), predict(model, train)) < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"groups": "joints+lost motion"}, {"tcp": "fit"}], ids=str)
 def test_a_saved_model_predicts_the_same(options, few, tmp_path):
     robot, train = few
@@ -254,6 +263,7 @@ def test_a_saved_model_predicts_the_same(options, few, tmp_path):
     np.testing.assert_array_equal(first.upper, second.upper)
 
 
+@pytest.mark.slow
 def test_a_wrong_tcp_is_found(rng):
     robot, offset = Ur5Twin().load().robot, np.array([0.03, -0.02, 0.04])
     train, test = linear_samples(robot, rng, [1.0, 1.0, 1.0])
@@ -272,6 +282,7 @@ def test_groups_that_are_unknown_or_do_not_bend_the_robot_are_refused(groups, fe
         BayesSprings(groups=groups).fit(train, robot=robot)
 
 
+@pytest.mark.slow
 def test_it_keeps_the_contract(fanuc):
     checks = check_model(BayesSprings, fanuc, uses_validation=False, load=load)
     failures = [str(check) for check in checks if check.status == "failed"]

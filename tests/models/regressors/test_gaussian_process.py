@@ -70,6 +70,7 @@ def is_in_range(training_range, samples):
     return ((lower <= values) & (values <= upper)).all(axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [GaussianProcessModel, VjmGp])
 def test_covariances_of_a_model_are_those_of_its_intervals(model, parts):
     robot, train, _, test = parts
@@ -88,6 +89,7 @@ def test_covariances_of_a_model_are_those_of_its_intervals(model, parts):
     np.testing.assert_allclose(part_covariance, covariance[:, :, 2:5], atol=1e-18)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", [GaussianProcessModel, VjmGp])
 def test_the_noise_that_the_data_card_states_is_the_instruments(family, parts):
     robot, train, _, _ = parts
@@ -106,6 +108,7 @@ def test_the_noise_that_the_data_card_states_is_the_instruments(family, parts):
     )  # the option replaces the card's
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable.* J6")  # of FANUC samples
 def test_too_narrow_intervals_of_few_poses_are_widened_by_the_errors_on_left_out_poses(fanuc):
     samples, robot = fanuc.samples, fanuc.robot

@@ -38,6 +38,7 @@ def test_every_spring_model_of_the_catalogue_may_be_the_physics():
     assert list(get_args(SpringModel)) == springs
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")
 @pytest.mark.parametrize("key", get_args(SpringModel))
 def test_a_learner_that_learns_nothing_leaves_the_physics(key, parts):
@@ -51,6 +52,7 @@ def test_a_learner_that_learns_nothing_leaves_the_physics(key, parts):
     np.testing.assert_equal(model.diagnostics_, physics.diagnostics_)  # some are NaN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["curve-springs", "bayes-springs"])
 def test_a_saved_learner_predicts_the_same_on_any_physics(key, parts, tmp_path):
     robot, train, _, test = parts

@@ -71,6 +71,7 @@ def test_the_teacher_is_chosen_that_predicts_left_out_poses_best(teacher, parts,
         assert chosen_teacher(samples, robot, 0) == teacher
 
 
+@pytest.mark.slow
 def test_the_chosen_teacher_is_reported_and_an_ensembles_members_have_the_first_ones(parts):
     robot, train, _, _ = parts
     teacher = chosen_teacher(train, robot, 3)

@@ -19,6 +19,7 @@ def fitted(parts):
     )
 
 
+@pytest.mark.slow
 def test_no_load_gives_exactly_no_deflection(fitted, parts):
     test = parts[3]
     assert not fitted.predict(test.q, np.zeros_like(test.wrench)).any()
@@ -46,6 +47,7 @@ def test_every_compliance_matrix_is_positive_semi_definite(fitted, parts):
     assert np.ptp(compliance, axis=0).min() > 0.0  # it has learned something
 
 
+@pytest.mark.slow
 def test_its_prediction_is_the_equation_with_its_compliances(fitted, parts):
     test = parts[3]
     rows = fitted.robot_.jacobian(test.q)

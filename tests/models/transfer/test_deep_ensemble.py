@@ -23,6 +23,7 @@ def ensemble(parts):
         return DeepEnsemble(**SMALL, members=3).fit(train, robot=robot, validation=held_out, seed=4)
 
 
+@pytest.mark.slow
 def test_intervals_contain_the_prediction_grow_with_coverage_and_with_disagreement(ensemble, parts):
     test = parts[3]
     middle = ensemble.predict(test.q, test.wrench)
@@ -45,6 +46,7 @@ def test_intervals_contain_the_prediction_grow_with_coverage_and_with_disagreeme
     np.testing.assert_allclose(width[is_inside], (stretch * expected)[is_inside])
 
 
+@pytest.mark.slow
 def test_its_noise_comes_from_training_poses_and_never_from_validation_labels(parts):
     robot, train, held_out, _ = parts
     wild_labels = replace(held_out, deflection=held_out.deflection * 1000.0)

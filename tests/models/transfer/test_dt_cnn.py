@@ -58,6 +58,7 @@ def test_the_udtl_preset_is_the_literal_network(parts):
     assert not kinds(fit(parts, pretrain_steps=0).network_) & only_udtl
 
 
+@pytest.mark.slow
 def test_adabn_changes_only_the_batch_statistics(parts):
     differing = differing_names(fit(parts, alignment="none"), fit(parts, alignment="adabn"))
     assert differing == {
@@ -67,6 +68,7 @@ def test_adabn_changes_only_the_batch_statistics(parts):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:joint stiffness not identifiable")  # of labels made up
 @pytest.mark.parametrize("alignment", ["mk-mmd", "adabn"])
 def test_unsupervised_labels_of_the_target_change_nothing_but_the_source(parts, alignment):

@@ -35,6 +35,7 @@ def with_compliance(robot, samples, factors):
     return replace(samples, deflection=predict(vjm, samples))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cls", [MlpPretrained, DtCnn])
 def test_predictions_are_linear_in_the_identified_compliances(cls, twin, trainings):
     samples = with_compliance(twin.robot, twin.samples, np.ones(6))
@@ -66,6 +67,7 @@ def test_leave_one_out_needs_few_pre_trainings(twin, trainings):
     assert len(trainings) <= 2
 
 
+@pytest.mark.slow
 def test_what_makes_another_pre_training(twin, trainings):
     """Options of fine-tuning do not: see the tests of the cache."""
     changes = [
@@ -94,6 +96,7 @@ def test_the_source_is_learned_to_3_5_micrometres_also_at_a_factor_of_two_off(tw
     assert model.network_[-1].out_features == 3
 
 
+@pytest.mark.slow
 def test_no_result_depends_on_the_robots_name(twin):
     first, second = (
         FtMlp(**SMALL, width=8, epochs=30).fit(

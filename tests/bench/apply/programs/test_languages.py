@@ -80,6 +80,7 @@ def test_targets_are_read_and_the_others_are_listed_with_a_reason(name, n, reaso
         assert motion.text.split()[0] in program.texts[0].splitlines()[motion.line - 1]
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(
     rows=st.lists(st.lists(REAL, min_size=6, max_size=6), min_size=1, max_size=5),
@@ -112,6 +113,7 @@ def test_any_rapid_motion_is_read_and_written_back(tmp_path, rows, newline, spac
     check(tmp_path, "part.mod", newline.join([*lines, "ENDPROC", "ENDMODULE"]), rows)
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(
     rows=st.lists(st.lists(REAL, min_size=6, max_size=6), min_size=1, max_size=5),
@@ -133,6 +135,7 @@ def test_any_fanuc_position_is_read_and_written_back(tmp_path, rows, newline, sp
     check(tmp_path, "part.ls", newline.join([*lines, "/END"]), rows)
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(
     rows=st.lists(st.lists(REAL, min_size=6, max_size=6), min_size=1, max_size=5),
