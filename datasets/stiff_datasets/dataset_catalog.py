@@ -57,6 +57,19 @@ DATASETS = (
         card="data/arm_family.md",
     ),
     DatasetInfo(
+        key="fresh-arms",
+        target="stiff_datasets.twin.fresh_arms:FreshArms",
+        kind="simulated",
+        summary="twin of an arm that the seed draws, 3 to 300 kg: 151 random poses, pulled at a "
+        "hook",
+        reference="rules of the draw: stiff_datasets/twin/fresh_arms.py",
+        caveats=(
+            f"fresh-arms is {_SIMULATED}",
+            "fresh-arms: no real robot has these kinematics.",
+        ),
+        card="data/fresh_arms.md",
+    ),
+    DatasetInfo(
         key="robot-twin",
         target="stiff_datasets.twin.robot_twin:RobotTwin",
         kind="simulated",

@@ -272,6 +272,7 @@ class TwinConstants(TomlTable):
     noise: Noise = Noise()
     scatter: Scatter = Scatter()
     _path: Path = PrivateAttr(default=Path())
+    _robot: Robot | None = PrivateAttr(default=None)
 
     @property
     def gear_kinds(self) -> tuple[GearKind | Literal["slide"], ...]:
@@ -331,8 +332,8 @@ class TwinConstants(TomlTable):
         return chain
 
     def robot(self) -> Robot:
-        """Read the rigid robot for the models; errors: see `chain`."""
-        return self.chain().robot
+        """Read the rigid robot for the models, unless it was drawn; errors: see `chain`."""
+        return self._robot or self.chain().robot
 
 
 def _counted(kinds: Sequence[str]) -> str:

@@ -49,6 +49,18 @@ TAIL = 2.5  # degrees of freedom; C
 OUTLIER_SHARE, OUTLIER_M = 0.02, 2e-4  # C
 SEATING_M, SEATING_PAYLOAD_KG = 2e-5, 10.0  # C
 DRIFT_M, DRIFT_STEPS = 4e-5, 3  # C
+ONE_SIDED_PLAY_ARCMIN = (0.2, 0.6)  # C
+BALL_SHARES = (0.15, 0.4)  # of a bearing's spring, at the rated torque; C
+BALL_EXPONENT, LEAST_BALL_LOAD = 2.0 / 3.0, 0.02
+"""A ball's approach grows with the force to this power (H. Hertz 1882); its preload over rated."""
+OPENING_SHARES, OPENED_SHARES = (0.1, 0.3), (0.15, 0.5)
+"""Torque that opens a bolted flange over the rated one; compliance beyond over the bearing's; C."""
+RELAXED_SHARES = (0.1, 0.4)  # of the bolts' preload, over the measurement; C
+WARMED_SHARES = (0.03, 0.1)  # of a gear's compliance, cold to warm; C
+WARMING_TIMES = 3.0  # time constants in a measurement; C
+HOSE_SHARES = (0.02, 0.08)  # of the rated torque, at a turn of 90 deg; C
+MIDDLE = 0.5
+"""Time of the truth: the robot in the middle of the measurement."""
 SHEAR_COEFFICIENT = 0.44
 """Of a thin-walled square tube (G. R. Cowper, J. Appl. Mech. 33, 1966)."""
 NEARLY_PARALLEL = 0.9
@@ -80,12 +92,20 @@ class Effect:
         """Return the law of the elastic coordinates, with arrays (..., 3 n_joints, 1)."""
         return law
 
-    def loaded(self, torque: FloatArray, weight_torque: FloatArray) -> FloatArray:
+    def loaded(self, torque: FloatArray, weight_torque: FloatArray, q: FloatArray) -> FloatArray:
         """Return the (3 n_joints, n) torques on the springs of `torque` on the joints.
 
-        `weight_torque` (3 n_joints, n) is the part of the weight at the commanded angles.
+        `weight_torque` (3 n_joints, n) is the part of the weight at the commanded angles `q`
+        (n_joints, n).
         """
         return torque
+
+    def further_turn(self, torque: FloatArray, time: FloatArray | float) -> FloatArray | float:
+        """Return the (3 n_joints, n) turns of the springs in addition to the law's.
+
+        `torque` (3 n_joints, n) is on the springs; `time` (n,) runs from 0 to 1 in a measurement.
+        """
+        return 0.0
 
     def turned(self, theta: FloatArray, q: FloatArray) -> FloatArray:
         """Return the (3 n_joints, n) turns of the joints of `theta` of the springs.
@@ -314,7 +334,7 @@ class Balancer(Effect):
         share = rng.uniform(*BALANCED_SHARES)
         return cls(share if constants.payload_kg >= LIGHTEST_WITH_BALANCER_KG else 0.0)
 
-    def loaded(self, torque: FloatArray, weight_torque: FloatArray) -> FloatArray:
+    def loaded(self, torque: FloatArray, weight_torque: FloatArray, q: FloatArray) -> FloatArray:
         """Take the share of the weight off the second joint."""
         torque = torque.copy()
         torque[SECOND_TORSION] -= self.share * weight_torque[SECOND_TORSION]
@@ -340,7 +360,7 @@ class CoupledWrist(Effect):
             coupling[second, first] = rng.uniform(*COUPLINGS) * rng.choice([-1.0, 1.0])
         return cls(coupling)
 
-    def loaded(self, torque: FloatArray, weight_torque: FloatArray) -> FloatArray:
+    def loaded(self, torque: FloatArray, weight_torque: FloatArray, q: FloatArray) -> FloatArray:
         """Return G tau."""
         return np.asarray(self.coupling @ torque)
 
@@ -571,6 +591,158 @@ class Drift(Effect):
         return np.asarray(DRIFT_M * (time + steps)[:, None] / 2.0 * direction(rng))
 
 
+# not in any model: written after the models, which have no group for these
+
+
+@dataclass(frozen=True, eq=False)
+class OneSidedPlay(Effect):
+    """A gear gives way further in one direction: theta = s w (1 - exp(-max(s tau, 0) / tau_0)).
+
+    Attributes:
+        width: (n_joints, 1) s w, signed, rad.
+        torque: (n_joints, 1) tau_0, N m.
+    """
+
+    width: FloatArray
+    torque: FloatArray
+
+    @classmethod
+    def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
+        rated = constants.rated_torques[:, None]
+        width = rng.uniform(*ONE_SIDED_PLAY_ARCMIN, size=rated.shape) * ARCMIN
+        sign = rng.choice([-1.0, 1.0], rated.shape)
+        return cls(sign * width * (rated > 0.0), BEARING_PLAY_SHARE * np.maximum(rated, 1.0))
+
+    def further_turn(self, torque: FloatArray, time: FloatArray | float) -> FloatArray:
+        """Turn the torsions."""
+        turn = np.zeros_like(torque)
+        load = np.maximum(np.sign(self.width) * torque[::3], 0.0)
+        turn[::3] = self.width * -np.expm1(-load / self.torque)
+        return turn
+
+
+@dataclass(frozen=True, eq=False)
+class BallBearings(Effect):
+    """Balls in the bearings give way less the harder they are pressed: Hertz's contact.
+
+    theta = a T ((|tau| / T + l)^(2/3) - l^(2/3)) sign(tau), with the rated torque T.
+
+    Attributes:
+        compliance: (n_joints, 2, 1) a, rad/(N m).
+        torque: (n_joints, 1, 1) T, N m.
+    """
+
+    compliance: FloatArray
+    torque: FloatArray
+
+    @classmethod
+    def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
+        share = rng.uniform(*BALL_SHARES, size=(len(constants.joint), 2, 1))
+        return cls(share * _tilting(constants), _rated(constants))
+
+    def further_turn(self, torque: FloatArray, time: FloatArray | float) -> FloatArray:
+        """Turn the tilts."""
+        load = np.abs(_tilts_of(torque)) / self.torque
+        grown = (load + LEAST_BALL_LOAD) ** BALL_EXPONENT - LEAST_BALL_LOAD**BALL_EXPONENT
+        return _with_tilts(self.compliance * self.torque * grown, torque)
+
+
+@dataclass(frozen=True, eq=False)
+class OpeningFlange(Effect):
+    """A bolted flange opens beyond a torque that falls as its bolts' preload relaxes.
+
+    theta = a max(|tau| - tau_0 (1 - r t), 0) sign(tau) at the time t.
+
+    Attributes:
+        compliance: (n_joints, 2, 1) a, rad/(N m).
+        torque: (n_joints, 1, 1) tau_0, N m.
+        relaxed: r.
+    """
+
+    compliance: FloatArray
+    torque: FloatArray
+    relaxed: float
+
+    @classmethod
+    def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
+        n = len(constants.joint)
+        compliance = rng.uniform(*OPENED_SHARES, size=(n, 2, 1)) * _tilting(constants)
+        torque = rng.uniform(*OPENING_SHARES, size=(n, 1, 1)) * _rated(constants)
+        return cls(compliance, torque, rng.uniform(*RELAXED_SHARES))
+
+    def further_turn(self, torque: FloatArray, time: FloatArray | float) -> FloatArray:
+        """Turn the tilts."""
+        beyond = np.abs(_tilts_of(torque)) - self.torque * (1.0 - self.relaxed * time)
+        return _with_tilts(self.compliance * np.maximum(beyond, 0.0), torque)
+
+
+@dataclass(frozen=True, eq=False)
+class WarmingGears(Effect):
+    """Gears soften as they warm up: theta = a (1 - exp(-3 t)) tau at the time t.
+
+    Attributes:
+        compliance: (n_joints, 1) a, rad/(N m).
+    """
+
+    compliance: FloatArray
+
+    @classmethod
+    def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
+        share = rng.uniform(*WARMED_SHARES, size=(len(constants.joint), 1))
+        of_gear = specimen_law(constants, 0).compliance[1, ::3]
+        return cls(share * of_gear * (constants.rated_torques > 0.0)[:, None])
+
+    def further_turn(self, torque: FloatArray, time: FloatArray | float) -> FloatArray:
+        """Turn the torsions."""
+        turn = np.zeros_like(torque)
+        turn[::3] = -np.expm1(-WARMING_TIMES * np.asarray(time)) * self.compliance * torque[::3]
+        return turn
+
+
+@dataclass(frozen=True, eq=False)
+class HosePull(Effect):
+    """The hose package pulls the wrist's joints back, with a torque -a sin(q) |sin(q)|.
+
+    Attributes:
+        torque: (n_joints, 1) a, N m; 0 before the wrist.
+    """
+
+    torque: FloatArray
+
+    @classmethod
+    def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
+        torque = rng.uniform(*HOSE_SHARES, len(constants.joint)) * constants.rated_torques
+        torque[:-WRIST_JOINTS] = 0.0
+        return cls(torque[:, None])
+
+    def loaded(self, torque: FloatArray, weight_torque: FloatArray, q: FloatArray) -> FloatArray:
+        """Add the pull at the commanded angles."""
+        torque = torque.copy()
+        torque[::3] -= self.torque * np.sin(q) * np.abs(np.sin(q))
+        return torque
+
+
+def _rated(constants: TwinConstants) -> FloatArray:
+    return np.asarray(np.maximum(constants.rated_torques, 1.0)[:, None, None])
+
+
+def _tilting(constants: TwinConstants) -> FloatArray:
+    """Return the (n_joints, 2, 1) compliances of the tilts, rad/(N m)."""
+    return _tilts_of(specimen_law(constants, 0).compliance[1])
+
+
+def _tilts_of(values: FloatArray) -> FloatArray:
+    """Return (n_joints, 2, n) of the (3 n_joints, n) values."""
+    return np.asarray(values.reshape(-1, 3, values.shape[1])[:, 1:])
+
+
+def _with_tilts(size: FloatArray, torque: FloatArray) -> FloatArray:
+    """Return (3 n_joints, n) turns of which the tilts have (n_joints, 2, n) sizes."""
+    turn = np.zeros((len(size), 3, torque.shape[1]))
+    turn[:, 1:] = size * np.sign(_tilts_of(torque))
+    return turn.reshape(torque.shape)
+
+
 FRICTION: tuple[type[Effect], ...] = (Friction,)
 STRUCTURE: tuple[type[Effect], ...] = (
     *(BendingLinks, SoftFloor, Balancer, CoupledWrist, AngleStiffness, BearingPlay),
@@ -579,12 +751,16 @@ WORKSHOP: tuple[type[Effect], ...] = (
     *(LinkMasses, ForcePoint, ForceSensor, TrackerFrame, TrackedPoint),
     *(HeavyTails, Outliers, Seating, Drift),
 )
-World = Literal["clean", "friction", "structure", "workshop", "all"]
+UNSEEN: tuple[type[Effect], ...] = (
+    *(OneSidedPlay, BallBearings, OpeningFlange, WarmingGears, HosePull),
+)
+World = Literal["clean", "friction", "structure", "workshop", "all", "unseen"]
 WORLDS: dict[World, tuple[type[Effect], ...]] = {
     "clean": (),
     "friction": FRICTION,
     "structure": STRUCTURE,
     "workshop": WORKSHOP,
     "all": (*FRICTION, *STRUCTURE, *WORKSHOP),
+    "unseen": UNSEEN,
 }
 """Effects of each world, in addition to the gears' curves, tilting bearings and noise."""

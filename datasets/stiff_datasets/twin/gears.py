@@ -121,6 +121,8 @@ RV_GEARS = {
         ("RV-110E", 1078.0, 1.01e6),
         ("RV-160E", 1568.0, 1.35e6),
         ("RV-320E", 3136.0, 3.37e6),
+        ("RV-500N", 4900.0, 5.57e6),
+        ("RV-700N", 7000.0, 8.94e6),
     )
 }
 """Cycloidal gears by size: rated torque B, rigidity (20, 49, 108, 196, 294, 392 and 980 N m/arcmin)

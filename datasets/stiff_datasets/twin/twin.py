@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from stiff_datasets.twin.constants import TwinConstants, specimen_law
-from stiff_datasets.twin.effects import WORLDS, Effect, Friction, World
+from stiff_datasets.twin.effects import MIDDLE, WORLDS, Effect, Friction, World
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
 from stiff_protocols.contract.errors import DataError
@@ -98,11 +98,12 @@ class DigitalTwin:
         wrench: FloatArray,
         plays: FloatArray | None = None,
         direction: FloatArray | None = None,
+        time: FloatArray | float = MIDDLE,
     ) -> RestState:
         """Return the equilibrium at (n_joints, n) q under (6, n) wrench.
 
         It follows from the plays before the load, or from a motion that ended in `direction`
-        (3 n_joints, n).
+        (3 n_joints, n). `time` (n,) runs from 0 to 1 in a measurement.
         """
         chain, law = self._chains[0], self._law
         theta = np.zeros((3 * len(q), q.shape[1]))
@@ -111,13 +112,15 @@ class DigitalTwin:
         for _ in range(MAX_ITERATIONS):
             on_springs = torque
             for effect in self.effects:
-                on_springs = effect.loaded(on_springs, weight)
+                on_springs = effect.loaded(on_springs, weight, q)
             if plays is None:
                 assert direction is not None
                 state = law.plays_after_motion(on_springs, direction)
             else:
                 state = law.slipped(plays, on_springs)
             theta = law.angle(on_springs, state)
+            for effect in self.effects:
+                theta = theta + effect.further_turn(on_springs, time)
             for effect in reversed(self.effects):
                 theta = effect.turned(theta, q)
             previous = torque
@@ -142,12 +145,14 @@ class DigitalTwin:
             DataError: no equilibrium was found (the load is too large).
         """
         columns, none = q.T.copy(), np.zeros((6, len(q)))
-        before = self._settled(columns, none, direction=np.repeat(direction.T, 3, axis=0))
+        time = np.linspace(0.0, 1.0, len(q))
+        signs = np.repeat(direction.T, 3, axis=0)
+        before = self._settled(columns, none, direction=signs, time=time)
         rows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         loads = [wrench[:, k] for k in range(wrench.shape[1])]
         for load in [*(loads[:1] if cycled else []), *loads]:
-            loaded = self._settled(columns, load.T.copy(), before.plays)
-            after = self._settled(columns, none, loaded.plays)
+            loaded = self._settled(columns, load.T.copy(), before.plays, time=time)
+            after = self._settled(columns, none, loaded.plays, time=time)
             moved = self._moved(q, load, before, loaded)
             rows.append((*moved, (after.point - before.point).T))
             before = after

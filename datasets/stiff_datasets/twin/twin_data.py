@@ -23,7 +23,7 @@ class TwinData:
         seed: draws loads, noise, approach and poses that are not planned; the robot itself does not
             depend on it.
         world: effects of robot and measurement, see `effects.py`: "clean", "friction", "structure",
-            "workshop", or "all".
+            "workshop", "all" of these three, or "unseen": effects that no model has a group for.
         approach: how a pose is reached in a world with friction: "random", "one-sided", or
             "cycled" (the first load is put on and off once before its reading).
     """

@@ -18,12 +18,17 @@ from stiff_datasets.twin.effects import (
     WORLDS,
     AngleStiffness,
     Balancer,
+    BallBearings,
     BendingLinks,
     CoupledWrist,
     ForcePoint,
     ForceSensor,
+    HosePull,
+    OneSidedPlay,
+    OpeningFlange,
     SoftFloor,
     TrackedPoint,
+    WarmingGears,
     World,
 )
 from stiff_datasets.twin.robot_twin import ArmFamily, Ur5Twin, random_poses
@@ -86,7 +91,7 @@ def motion(twin: DigitalTwin, q: np.ndarray, wrench: np.ndarray) -> np.ndarray:
 def test_no_closed_cycle_of_forces_and_moments_makes_energy(world: World) -> None:
     twin = twin_of(world)
     q = random_poses(twin.constants, 4, 5).q
-    cycle = wrench_cycles(twin, len(q), 15 if twin.has_friction else 60)
+    cycle = wrench_cycles(twin, len(q), 15 if twin.has_friction else 120)
     wrench = np.concatenate([cycle, cycle[1:]])  # the plays repeat from the second cycle on
     steps = (wrench[1:] + wrench[:-1]) / 2.0 * motion(twin, q, wrench)
     steps = steps[len(cycle) - 1 :].sum(axis=2)
@@ -94,7 +99,7 @@ def test_no_closed_cycle_of_forces_and_moments_makes_energy(world: World) -> Non
     assert (work > 2e-3).all() if twin.has_friction else (np.abs(work) < 2e-5).all()
 
 
-@pytest.mark.parametrize("world", ["clean", "structure"])
+@pytest.mark.parametrize("world", ["clean", "structure", "unseen"])
 def test_without_plays_the_tangent_compliance_is_symmetric(world: str) -> None:
     twin = twin_of(world)
     q, wrench = loads(twin, 1)
@@ -149,6 +154,7 @@ def independent_truth(
     balancer = [effect for effect in twin.effects if isinstance(effect, Balancer)]
     coupling = [effect for effect in twin.effects if isinstance(effect, CoupledWrist)]
     angles = [effect for effect in twin.effects if isinstance(effect, AngleStiffness)]
+    hoses = [effect for effect in twin.effects if isinstance(effect, HosePull)]
 
     def torques(theta: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return torque_and_tcp(model, data, robot.tcp, q, theta, load)[:2]
@@ -162,12 +168,17 @@ def independent_truth(
                 torque[3] -= effect.share * still[3]
             for effect in coupling:
                 torque = effect.coupling @ torque
+            for effect in hoses:
+                for joint in (3, 4, 5):
+                    sine = np.sin(q[joint])
+                    torque[3 * joint] -= effect.torque[joint, 0] * np.copysign(sine**2, sine)
             if plays is None:
                 state = torque - np.repeat(direction, 3) * law.thresholds[..., 0]
             else:
                 radius = law.thresholds[..., 0]
                 state = np.minimum(np.maximum(plays, torque - radius), torque + radius)
             theta = law.angle(torque[:, None], state[..., None])[:, 0]
+            theta += [unseen_turn(twin, i, torque[i]) for i in range(3 * n)]
             for effect in angles:
                 wave = 2.0 / np.pi * np.arcsin(np.sin(effect.periods * q + effect.phase))
                 cable = np.clip(q - effect.middle, -1.0, 1.0)
@@ -179,6 +190,27 @@ def independent_truth(
     state, unloaded = settled(np.zeros(6), None)
     _, loaded = settled(wrench, state)
     return loaded - unloaded
+
+
+def unseen_turn(twin: DigitalTwin, row: int, torque: float) -> float:
+    """Return what the unseen effects turn an elastic coordinate in the middle of a measurement."""
+    joint, tilt = divmod(row, 3)
+    size, turn = abs(torque), 0.0
+    for effect in twin.effects:
+        if isinstance(effect, OneSidedPlay) and not tilt:
+            width, taken_up = effect.width[joint, 0], effect.torque[joint, 0]
+            turn += width * (1.0 - np.exp(-size / taken_up)) if width * torque > 0.0 else 0.0
+        elif isinstance(effect, WarmingGears) and not tilt:
+            turn += (1.0 - np.exp(-1.5)) * effect.compliance[joint, 0] * torque
+        elif isinstance(effect, BallBearings) and tilt:
+            rated = effect.torque[joint, 0, 0]
+            approach = np.cbrt(size / rated + 0.02) ** 2 - np.cbrt(0.02) ** 2
+            turn += effect.compliance[joint, tilt - 1, 0] * rated * np.copysign(approach, torque)
+        elif isinstance(effect, OpeningFlange) and tilt:
+            opening = effect.torque[joint, 0, 0] * (1.0 - effect.relaxed / 2.0)
+            beyond = np.copysign(max(size - opening, 0.0), torque)
+            turn += effect.compliance[joint, tilt - 1, 0] * beyond
+    return float(turn)
 
 
 @pytest.mark.slow
@@ -292,6 +324,19 @@ def test_the_coupled_wrist_and_the_angle_change_compliance_by_their_size() -> No
         factor = angle.turned(np.ones((18, 2001)), q)[::3]
         assert (np.abs(factor - 1.0).max(axis=1) <= angle.size + 1e-9).all()
         assert (angle.size >= 0.05).all() and (angle.size <= 0.2).all()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_unseen_effects_are_felt_and_change_over_a_measurement(name: str) -> None:
+    clean, twin = twin_of("clean", name), twin_of("unseen", name)
+    q, wrench = loads(twin, 40)
+    truth = twin.truth(q, wrench)
+    change = np.linalg.norm(truth - clean.truth(q, wrench), axis=1)
+    assert 0.1 < np.median(change) / np.median(np.linalg.norm(truth, axis=1)) < 0.4
+    first_and_last = np.repeat(q[:1], 2, axis=0)
+    same_load = np.repeat(wrench[:1, None], 2, axis=0)
+    cold, warm = twin.readings(first_and_last, same_load, np.ones_like(first_and_last)).tcp[:, 0]
+    assert np.linalg.norm(warm) > 1.01 * np.linalg.norm(cold)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
