@@ -27,6 +27,7 @@ from stiff_datasets.measured.sample_columns import Criterion
 from stiff_datasets.measured.sheet_files import Sheet, sheet_of
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
+from stiff_datasets.robots.urdf_writer import robot_urdf
 from stiff_datasets.twin import simulate as simulation
 from stiff_datasets.twin.constants import (
     TwinConstants,
@@ -36,9 +37,11 @@ from stiff_datasets.twin.constants import (
 )
 from stiff_datasets.twin.effects import World
 from stiff_datasets.twin.experiment import Approach
+from stiff_datasets.twin.fresh_arms import FRESH_ARM, fresh_arm
 from stiff_datasets.twin.twin_data import TwinData
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
+from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 from stiff_protocols.springs.identification import contributions
 
@@ -219,8 +222,8 @@ def simulate(
 
     Args:
         output: new .csv or .parquet file.
-        twin: simulated robot: kr10-r1100-2, ur5, an arm such as gp12, or a .toml file with your
-            own constants.
+        twin: simulated robot: kr10-r1100-2, ur5, an arm such as gp12, fresh-arm-17 of `fresh-arms`
+            (its .urdf is written, too), or a .toml file with your own constants.
         samples: number of samples.
         loads: the paper's wrenches (line), its forces at a hook (line-hook), or forces in all
             directions at a hook (omni).
@@ -228,7 +231,7 @@ def simulate(
         specimen: number of the simulated robot, 0 to 9.
         seed: seed of poses, loads and noise.
         world: what robot and measurement have beyond gear curves, tilting bearings and noise:
-            friction, structure, a workshop's errors, or all.
+            friction, structure, a workshop's errors, all of these, or unseen by any model.
         approach: how a pose is reached in a world with friction.
         all_columns: also write approach and the unloaded reading after each load.
 
@@ -239,9 +242,15 @@ def simulate(
     """
     start = time.perf_counter()
     options = TwinData(specimen=specimen, seed=seed, world=world, approach=approach)
-    experiment = options.experiment(_constants(twin), loads=loads, loads_per_pose=loads_per_pose)
+    constants = _constants(twin)
+    experiment = options.experiment(constants, loads=loads, loads_per_pose=loads_per_pose)
+    urdf = Path(output).with_suffix(".urdf")
+    if is_fresh := twin.startswith(FRESH_ARM):
+        check_new_file(urdf)
     with display():
         simulation.simulate(Path(output), experiment, samples, all_columns=all_columns)
+    if is_fresh:
+        urdf.write_text(robot_urdf(constants.robot()), encoding="utf-8")
     seconds = time.perf_counter() - start
     return Text(
         f"{output}: {samples} SIMULATED samples of {twin}, specimen {specimen}, in "
@@ -254,8 +263,11 @@ def _constants(twin: str) -> TwinConstants:
     shipped = shipped_twins()
     if twin in shipped:
         return shipped_constants(shipped[twin])
+    if twin.startswith(FRESH_ARM) and (seed := twin.removeprefix(FRESH_ARM)).isdecimal():
+        return fresh_arm(int(seed))
     if not twin.endswith(".toml"):
-        raise ConfigError(f"{twin!r} (valid: {', '.join(shipped)}, or FILE.toml)", "twin")
+        valid = f"{', '.join(shipped)}, {FRESH_ARM}0 and further numbers, or FILE.toml"
+        raise ConfigError(f"{twin!r} (valid: {valid})", "twin")
     constants = read_constants(Path(twin))
     for note in constants.chain().notes:
         say(f"note: {note}")

@@ -20,6 +20,8 @@ from stiff_datasets.twin.robot_twin import HEAVIEST, HookTwin
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot
 
+FRESH_ARM = "fresh-arm-"
+"""Begin of the names of these arms; the seed follows."""
 PAYLOADS_KG = (3.0, 300.0)
 REACH_M, LONGEST_REACH_M, REACH_SCATTER = 0.36, 2.6, 0.15
 """Reach to the wrist over the root of the payload in kg, its limit, and its scatter."""
@@ -110,7 +112,7 @@ def _robot(seed: int, payload: float, reach: float, rng: np.random.Generator) ->
     flange[:3, 3] = flange_length, 0.0, 0.0
     tool = np.cbrt(payload) * np.array([*rng.uniform(-0.04, 0.04, 2), rng.uniform(0.02, 0.08)])
     return Robot(
-        name=f"fresh-arm-{seed}",
+        name=f"{FRESH_ARM}{seed}",
         joint_names=tuple(f"J{i}" for i in range(1, 7)),
         joint_types=("revolute",) * 6,
         placements=placements,
