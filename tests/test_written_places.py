@@ -31,15 +31,6 @@ LIE_ABOUT = (
 )
 
 
-SMALL_STUDY = """
-title = "small"
-models = ["vjm"]
-datasets = ["kr10-twin", "ur5-twin"]
-splits = 1
-lite = ["kr10-twin", "ur5-twin"]
-"""
-
-
 class Place:
     """Make a user's folders: home, working directory, temporary files, cache, output.
 
@@ -56,7 +47,6 @@ class Place:
         plugin, folder = "quadratic_springs.py", top / "out" / "submitted"  # Python writes a .pyc
         shutil.copytree(ROOT / "results" / "submissions" / "quadratic-springs", folder)
         (folder / "code" / plugin).rename(folder / plugin)
-        (folder / "small.toml").write_text(SMALL_STUDY)
         (top / "work" / "stiff_bench").mkdir()
         leave_a_mark = f"open({str(top / 'ran')!r}, 'a').write(__file__)"
         for name in LIE_ABOUT.split():
@@ -109,9 +99,7 @@ report --results ../results --output ../out/report.html
 figure regression --results ../results --output ../out/regression.svg
 merge ../results --output ../out/merged
 results export --results ../out --output ../out/records.jsonl
-submit --lite --study ../out/submitted/small.toml --card ../out/submitted/card.toml --results ../out --output ../out/submission
-verify ../out/submission --study ../out/submitted/small.toml --write
-results add ../out/submission --results ../out
+submit --card ../out/submitted/card.toml --output ../out/submission
 reproduce paper-quick --plan --output ../out
 fit --model mlp@width=8@epochs=2 --dataset kr10-twin --output ../out/m.stiff
 predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv

@@ -9,7 +9,6 @@ import importlib
 import inspect
 import operator
 import re
-import shlex
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -43,7 +42,6 @@ from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import ConfigError
 from stiffbench.options import (
     Execution,
-    Limits,
     choose_format,
     command_line,
     find_own_data,
@@ -366,64 +364,8 @@ def _list(kind: Literal["models", "datasets", "protocols", "metrics", "figures"]
     return tables
 
 
-def _submit(
-    output: Folder,
-    limits: Limits,
-    results: Folder = RESULTS,
-    lite: Annotated[bool, Form("--full")] | None = None,
-    **options: Any,
-) -> str:
-    if lite is None:
-        raise ConfigError("give --lite or --full")
-    submission = api.submissions.submit(
-        output=Path(output),
-        results=Path(results),
-        lite=lite,
-        command=command_line(),
-        **Execution(**vars(limits)).arguments(),
-        **options,
-    )
-    n_records = counted(len(submission.records), "record")
-    verify = shlex.join(["bench", "verify", str(output)])
-    return f"{output}: {submission.manifest.model}, {n_records} written; next: {verify}"
-
-
-def _verify(
-    folders: Annotated[Sequence[Path], Form("DIR...")],
-    limits: Limits,
-    study: str = "leaderboard",
-    write: bool = False,
-    seed: Annotated[int, Bounds(at_least=0, at_most=2**32)] | None = None,
-    share: Annotated[float, Form("FRACTION"), Bounds(above=0.0, at_most=1.0)] = 0.1,
-) -> int:
-    """Verify submissions to the leaderboard.
-
-    Hashes, schema, data and splits are checked, metrics are recomputed from the predictions, and a
-    random tenth of the fits is computed again from the code, in isolated processes.
-
-    Exit status: 0 nothing is wrong; 1 a submission is refused; 2 it cannot be read.
-
-    Args:
-        folders: folders of submissions.
-        study: study, or a file such as my_study.toml.
-        write: store the outcome in the folder, for the leaderboard's column of status.
-        seed: seed of the choice; by default random, and printed.
-        share: share of the fits that are computed again, at least two.
-    """
-    import secrets  # 10 ms
-
-    seed = secrets.randbelow(2**31) if seed is None else seed
-    refits = api.submissions.Refits(seed, share, limits.timeout, limits.memory, limits.jobs)
-    outcomes = set()
-    for folder in folders:
-        verification = api.submissions.VerificationRun(folder, study, refits)
-        for check in verification:
-            print_prose(f"  {check}")
-        print_text(f"{verification.outcome}: {folder}")
-        outcomes.add(verification.outcome)
-        if write and verification.outcome != "refused":
-            verification.write()
-    return int("refused" in outcomes)
+def _verify(folder: Folder, **options: Any) -> sb.Tables:
+    return api.submissions.verify_submission(folder, command=command_line(), **options)
 
 
 @dataclass(frozen=True)
@@ -508,7 +450,7 @@ GROUPS = {
     "data": "Plan, check, simulate and inspect data sets.",
     "path": "Correct tool paths for the deflection under load.",
     "new": "Write the first files of a plugin.",
-    "results": "Export stored results, and add results of submissions.",
+    "results": "Export stored results.",
 }
 """Name of a group of commands -> its help; "": all."""
 WITH_PLUGINS = {
@@ -552,12 +494,6 @@ COMMANDS = {
         Command("figure", "", "regression --output regression.pdf", _figure),
         Command("table", "paper_table", "10", _table, show_tables, ("command",)),
         Command("merge", "merge", "laptop/runs server/runs --output results/runs"),
-        Command(
-            "results add",
-            "api.submissions:add_submission",
-            "results/submissions/quadratic-springs",
-            show=show_rows,
-        ),
         Command(
             "results export",
             "export_results",
@@ -607,14 +543,15 @@ COMMANDS = {
         Command("new model", "model_tools.plugins:new_model", "my-model"),
     ],
     "Take part in the leaderboard": [
+        Command("submit", "api.submissions:submit", "--card card.toml --output submission"),
         Command(
-            "submit",
-            "api.submissions:submit",
-            "--lite --card card.toml --output submission",
-            _submit,
-            without=("command",),
+            "verify",
+            "api.submissions:verify_submission",
+            "results/submissions/quadratic-springs --lite",
+            _verify,
+            show_tables,
+            ("command",),
         ),
-        Command("verify", "", "results/submissions/quadratic-springs", _verify, show_nothing),
     ],
 }
 """Heading of the help page -> its commands."""

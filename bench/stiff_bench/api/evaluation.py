@@ -281,14 +281,7 @@ class Reproduction(Run):
         missing = [task.model.info for task in self.tasks if task.cell.key not in stored]
         n_missing = sum(not info.missing() for info in missing)  # others cannot run here
         command = self.plans[0].command
-        return write_page(self.study, self.output, command, n_missing, self.model_statuses)
-
-    @property
-    def model_statuses(self) -> dict[str, str]:
-        """Return "verified" or "reported" by model; empty without submissions."""
-        from stiff_bench.submissions.statuses import SUBMISSIONS, board_statuses
-
-        return board_statuses(self.plans[0].output, self.output / SUBMISSIONS.name)
+        return write_page(self.study, self.output, command, n_missing)
 
     def write_site(self, folder: Path) -> Iterator[Path]:
         """Write the web pages of the study's leaderboard, and yield each file.
@@ -304,7 +297,7 @@ class Reproduction(Run):
         plan = self.plans[0]
         command = f"{plan.command} --site {shlex.quote(str(folder))}"
         stored = Results(plan.output).stored
-        board = study_leaderboard(self.study, stored, self.model_statuses)
+        board = study_leaderboard(self.study, stored)
         return LeaderboardSite(self.study, board, command, load_dataset, show).write(folder)
 
 

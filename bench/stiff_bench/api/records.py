@@ -1,47 +1,53 @@
-"""Export stored results as records for other programs."""
+"""Export stored results for other programs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Literal
 
 from stiff_bench.parameter_types import FilePath
 from stiff_bench.results.results import Results
-from stiff_bench.store.database import has_results, read_manifests, why_no_results
-from stiff_bench.submissions.export import ExportFormat, export_records
-from stiff_bench.submissions.record import Record
-from stiff_protocols.contract.errors import ConfigError, StoreError
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.extras import require
+from stiff_protocols.contract.files import written_whole
+
+ExportFormat = Literal["jsonl", "csv", "parquet"]
 
 
-def records_of(folder: Path, results: Iterable[CellResult]) -> list[Record]:
-    """Return the records of some results of a folder."""
-    environments = {run.run_id: run.environment for run in read_manifests(folder)}
-    return [Record.of(result, environments.get(result.run_id, {})) for result in results]
+def export_results(
+    results: Results,
+    output: FilePath,
+    fmt: ExportFormat = "jsonl",
+    *,
+    predictions: bool = False,
+) -> int:
+    """Write a row per fit: identity, hashes, metrics and cost; lengths are in mm.
 
-
-def export_results(results: Results, output: FilePath, fmt: ExportFormat = "jsonl") -> int:
-    """Write one record per fit: identity, hashes, metrics, predictions and cost.
-
-    Failed fits have a record, too. Lengths are in mm. The fields are described in
-    results/schema/record.json, a JSON Schema.
+    They are the rows of `open_results().frame()`. Failed fits have a row, too.
 
     Args:
         results: results, such as `open_results("results/runs")`.
         output: file to write; an existing one is replaced.
         fmt: format of the file.
+        predictions: write a row per test sample instead, with measured and predicted deflection.
 
     Returns:
-        Number of records.
+        Number of rows.
 
     Raises:
         ConfigError: nothing is selected, or the package for Parquet is not installed.
         StoreError: the folder has no results, or the file cannot be written.
     """
-    if not has_results(results.folder):
-        raise StoreError(f"{results.folder}: {why_no_results(results.folder)}")
-    fits: Sequence[CellResult] = results.every
-    if not fits:
+    frame = results.predictions() if predictions else results.frame()
+    if frame.empty:
         raise ConfigError(f"{results.folder}: no results to export; select other models or data")
-    export_records(records_of(results.folder, fits), Path(output), fmt)
-    return len(fits)
+    if fmt == "parquet":
+        require("--format parquet", "pyarrow")
+    with written_whole(Path(output)) as temporary:
+        if fmt == "jsonl":
+            frame.to_json(temporary, orient="records", lines=True, double_precision=15)
+        elif fmt == "csv":
+            frame.to_csv(temporary, index=False, lineterminator="\r\n")
+        else:
+            frame.to_parquet(temporary, index=False)
+    return len(frame)

@@ -30,7 +30,7 @@ from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import ConfigError, ModelError, NotSavable
 from stiff_protocols.contract.files import check_new_file, make_folder, written_whole
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
-from stiff_protocols.contract.types import Robot
+from stiff_protocols.contract.types import BenchmarkData, Robot
 
 _MARKS: dict[Status, str] = {"passed": "✓", "failed": "✗", "not applicable": "–"}  # noqa: RUF001
 
@@ -97,18 +97,24 @@ def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()) -
     with display():
         data = loaded(on)
         if isinstance(info, ModelInfo):
-            ours = registry().origins.get(key, OURS) == OURS
-            with mock.patch.dict(os.environ, {VARIABLE: OFF}):  # a kept training repeats itself
-                checks = check_model(
-                    subject.make,
-                    data,
-                    uses_validation=info.uses_validation,
-                    save=None if ours else partial(_save_plugin, subject, data.robot),
-                    load=partial(load, plugins=None if ours else {key: subject.cls}),
-                )
+            checks = model_checks(subject, data)
         else:
             checks = check_protocol(subject.make, data)
     return CheckResults(f"{_named(subject)} on {_named(on)}", checks)
+
+
+def model_checks(subject: Choice[ModelInfo], data: BenchmarkData) -> Sequence[Check]:
+    """Return the checks of a model with its options on some data."""
+    key = subject.info.key
+    ours = registry().origins.get(key, OURS) == OURS
+    with mock.patch.dict(os.environ, {VARIABLE: OFF}):  # a kept training repeats itself
+        return check_model(
+            subject.make,
+            data,
+            uses_validation=subject.info.uses_validation,
+            save=None if ours else partial(_save_plugin, subject, data.robot),
+            load=partial(load, plugins=None if ours else {key: subject.cls}),
+        )
 
 
 def _save_plugin(choice: Choice[Any], robot: Robot, model: Any, path: Path) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from stiff_bench.figures.board_figures import score_against_cost, score_against_poses
@@ -37,25 +36,22 @@ PICTURE_FILES = ("png", "pdf")
 
 @dataclass(frozen=True, eq=False)
 class StudyResults:
-    """A study with its results, and the status of each model."""
+    """A study with its results."""
 
     study: Study
     stored: PaperResults
-    statuses: Mapping[str, str]
 
     @cached_property
     def leaderboard(self) -> StudyLeaderboard:
         """Return the study's leaderboard; ConfigError if its file has no key `board`."""
-        return study_leaderboard(self.study, self.stored, self.statuses)
+        return study_leaderboard(self.study, self.stored)
 
 
 Makers = Mapping[str, Callable[[StudyResults], Any]]
 """Name in a study's file -> function of the stored results; numbers are the source paper's."""
 
 
-def study_leaderboard(
-    study: Study, stored: StoredResults, statuses: Mapping[str, str] = MappingProxyType({})
-) -> StudyLeaderboard:
+def study_leaderboard(study: Study, stored: StoredResults) -> StudyLeaderboard:
     """Return the leaderboard of a study.
 
     Raises:
@@ -63,7 +59,7 @@ def study_leaderboard(
     """
     if study.board is None:
         raise ConfigError(f"{study.file}: [board] is missing: it names the protocol of the board")
-    return StudyLeaderboard(stored, study.board, statuses)
+    return StudyLeaderboard(stored, study.board)
 
 
 def _leaderboard(results: StudyResults) -> list[Table]:
@@ -111,25 +107,18 @@ def check_names(study: Study) -> None:
                 raise unknown_name(f"{kind} of a study", name, makers)
 
 
-def write_page(
-    study: Study,
-    output: Path,
-    command: str,
-    n_missing: int,
-    statuses: Mapping[str, str] = MappingProxyType({}),
-) -> Iterator[Path]:
+def write_page(study: Study, output: Path, command: str, n_missing: int) -> Iterator[Path]:
     """Write OUTPUT/NAME/README.md with its tables and figures, and yield each file.
 
     The results are in OUTPUT/NAME/runs; `n_missing` fits are not computed. The page names tables
-    and figures that cannot be made, with the reason. `statuses` has the status of each model; an
-    empty one omits this column of the board.
+    and figures that cannot be made, with the reason.
 
     Raises:
         StoreError: nothing is stored, a file cannot be written, or a stored file is corrupt.
     """
     folder = output / study.name
     stored = PaperResults.of(folder / "runs")
-    results = StudyResults(study, stored, statuses)
+    results = StudyResults(study, stored)
     missing = list[str]()
 
     def made(kind: str, names: Iterable[str], makers: Makers) -> Iterator[tuple[str, Any]]:

@@ -267,8 +267,7 @@ def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[st
             counts = scores.verdict_counts(row["model"])
             n_open = counts["open"] + counts["equivalent"]
             row |= {"better": counts["a"], "worse": counts["b"], "open": n_open}
-    status = texts("status") if "status" in table else []
-    return Table.of(title, [MODEL, RATIO, *columns, FIT, *status], rows, notes)
+    return Table.of(title, [MODEL, RATIO, *columns, FIT], rows, notes)
 
 
 def _further_table(table: DataFrame, rows: Sequence[Row]) -> Table:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from types import MappingProxyType
@@ -192,10 +192,6 @@ def plan_tables(
 # the leaderboard of a study
 
 
-VERIFIED = "verified"
-STATUS_NOTE = "reported: results of a submission whose code could not be run again."
-
-
 @dataclass(frozen=True, eq=False)
 class StudyLeaderboard:
     """The leaderboard of a study: its main models over robots, and tables of the others.
@@ -203,12 +199,10 @@ class StudyLeaderboard:
     Attributes:
         every: results of the study.
         settings: settings of the study.
-        statuses: model -> "verified" or "reported"; empty: no column of status.
     """
 
     every: StoredResults
     settings: BoardSettings
-    statuses: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def stored(self) -> StoredResults:
@@ -252,9 +246,6 @@ class StudyLeaderboard:
         table = model_frame(self.scores, self.few, self.readings)
         if "won" not in table:
             raise ConfigError("no model has all results on five robots: the study is not finished")
-        if self.statuses:
-            statuses = [self.statuses.get(name, VERIFIED) for name in table["model"]]
-            table = table.assign(status=statuses)
         return table
 
     @property
@@ -272,8 +263,6 @@ class StudyLeaderboard:
         """Return headline, board, measured data, variants and extras; errors as `frame`."""
         plan, controls = (self.settings.protocol, ""), self.settings.controls
         board, *tables = plan_tables(self.scores, plan, self.frame, controls)
-        if self.statuses:
-            board = replace(board, notes=[*board.notes, STATUS_NOTE])
         measured = [*chain.from_iterable(self.readings.measured.values())]
         tables += dataset_tables(self.readings.over(measured), has_verdicts=False)
         return [board, *tables, *self._variant_tables(), *self._extra_tables()]

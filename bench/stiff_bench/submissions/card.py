@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -21,7 +21,9 @@ class Card(BaseModel):
         name: name of the method.
         model: name on the command line, with options: "my-model@ridge=0.1".
         plugin: file name of the plugin, next to the card.
+        kind: what the model is made of.
         authors: names.
+        year: of the method.
         contact: e-mail address or account; this or `url`.
         url: address of the method or its code.
         reference: paper or report, with its DOI; "none" if there is none.
@@ -36,7 +38,9 @@ class Card(BaseModel):
     name: Line
     model: Line
     plugin: Annotated[str, Field(pattern=r"^[A-Za-z]\w*\.py$")]
+    kind: Literal["physics", "Gaussian process", "network", "hybrid", "other"]
     authors: Annotated[list[Line], Field(min_length=1)]
+    year: Annotated[int, Field(ge=1950, le=2100)]
     contact: Annotated[str, Field(max_length=200)] = ""
     url: Annotated[str, Field(max_length=200)] = ""
     reference: Text

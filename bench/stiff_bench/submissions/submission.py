@@ -1,261 +1,134 @@
-"""The folder of a submission: what it holds, how it is written and read.
+"""The folder of a submission: a card and code, and nothing else.
 
 ::
 
     card.toml           the model and its authors
     code/               the plugin file and the files that it imports
-    records.jsonl       a record per fit: metrics, predictions, hashes
-    environment.json    versions and machines
-    manifest.json       study, model, and the SHA-256 of every file
 
-It holds text only: nothing in it is run or unpickled to read it.
+Nothing in it is run to read it. Every number about it is computed by `verification`.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
+import re
 import shutil
+import stat
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
-from stiff_bench.submissions.card import Card, describe_problem, read_card
-from stiff_bench.submissions.export import export_records
-from stiff_bench.submissions.record import Record, Sha256
-from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
+from stiff_bench.submissions.card import Card, read_card
+from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.source_code import imported_files
 
-CARD, CODE, RECORDS = "card.toml", "code", "records.jsonl"
-ENVIRONMENT, MANIFEST, VERIFICATION = "environment.json", "manifest.json", "verification.json"
-LARGEST_BYTES = 100 * 2**20
-"""Size limit of a file in a submission."""
-Scope = Literal["lite", "full"]
-Content = TypeVar("Content", bound=BaseModel)
-Outcome = Literal["verified", "reported", "refused"]
-
-
-class Manifest(BaseModel):
-    """Study, model and files of a submission.
-
-    Attributes:
-        format: version of this schema.
-        stiffbench: version that made it.
-        study: name of the study.
-        scope: "lite" or "full".
-        model: name of the model, with its options.
-        created: UTC, ISO 8601.
-        files: path in the folder -> SHA-256 of every other file.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    format: Literal[1] = 1
-    stiffbench: str
-    study: Annotated[str, Field(pattern=r"^[\w-]+$")]
-    scope: Scope
-    model: str
-    created: str
-    files: Mapping[str, Sha256]
-
-
-class Verification(BaseModel):
-    """The outcome of `bench verify --write`.
-
-    Attributes:
-        format: version of this schema.
-        outcome: "verified", or "reported": the code could not be run.
-        manifest_sha256: of the manifest that was verified, which has the hash of every file.
-        stiffbench, date: version that verified it, and when.
-        seed: of the choice of fits that were computed again.
-        checks: lines of the output.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    format: Literal[1] = 1
-    outcome: Outcome
-    manifest_sha256: Sha256
-    stiffbench: str
-    date: str
-    seed: int
-    checks: list[str]
+CARD, CODE = "card.toml", "code"
+MOST_FILES, LARGEST_BYTES = 50, 5 * 2**20
+"""Limits of the number of files and of the size of each."""
+FOLDER_NAME = re.compile(r"[A-Za-z_]\w{0,99}")
+FILE_NAME = re.compile(r"\w{1,100}\.(py|json|csv|npy|npz)")
 
 
 @dataclass(frozen=True)
 class Submission:
-    """A submission that was read but not verified.
+    """A submission whose files were checked; its code was not run.
 
     Attributes:
         folder: folder of the submission.
-        manifest, card, records: its files.
+        card: the model and its authors.
+        sha256: of names and contents of all files.
     """
 
     folder: Path
-    manifest: Manifest
     card: Card
-    records: Sequence[Record]
+    sha256: str
 
     @property
-    def plugin(self) -> Path:
-        """Return the path of the plugin file."""
-        return self.folder / CODE / self.card.plugin
+    def code(self) -> Path:
+        """Return the folder with the code."""
+        return self.folder / CODE
 
 
-def write_submission(
-    folder: Path,
-    card_file: Path,
-    records: Sequence[Record],
-    environment: Mapping[str, object],
-    manifest: Manifest,
-) -> Submission:
+def pack_submission(card_file: Path, plugin: Path, folder: Path) -> Submission:
     """Write a new folder, whole or not at all, and return what is in it.
 
     Args:
+        card_file: the card.
+        plugin: file that the card names; the files next to it that it imports are copied, too.
         folder: that does not exist yet.
-        card_file: the card; the plugin is next to it.
-        records: a fit each.
-        environment: of the runs.
-        manifest: without files.
 
     Raises:
+        ConfigError: the card or a file is wrong.
         StoreError: the folder exists or cannot be written, or a file of the plugin cannot be read.
     """
+    card = read_card(card_file)
+    if plugin.name != card.plugin:
+        raise ConfigError(f"{plugin}: the card names {card.plugin} (valid: this file)", "plugin")
+    if (plugin.parent / "__init__.py").exists():
+        raise ConfigError(f"{plugin}: is part of a package; give a file outside of packages")
+    if folder.exists():
+        raise StoreError(f"{folder}: already exists; give another name, or delete it first")
     make_folder(folder.parent)
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         shutil.copyfile(card_file, temporary / CARD)
-        _copy_code(card_file.parent / read_card(card_file).plugin, temporary / CODE)
-        export_records(records, temporary / RECORDS, "jsonl")
-        _write_json(temporary / ENVIRONMENT, environment)
-        hashes = {name: file_sha256(path) for name, path in _files(temporary)}
-        content = manifest.model_copy(update={"files": hashes}).model_dump(mode="json")
-        _write_json(temporary / MANIFEST, content)
+        for file in sorted(imported_files(plugin)):
+            target = temporary / CODE / file.relative_to(plugin.parent)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, target)
+        read_submission(temporary)
         temporary.chmod(0o755)
         temporary.rename(folder)
     except OSError as error:
-        reason = error.strerror or error
-        raise StoreError(f"{folder}: cannot be written: {reason}") from error
+        raise StoreError(f"{folder}: cannot be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return read_submission(folder)
-
-
-def check_output(folder: Path) -> None:
-    """Check before the fits that the folder of a submission is new."""
-    if folder.exists():
-        raise StoreError(f"{folder}: already exists; give another name, or delete it first")
-
-
-def _copy_code(plugin: Path, folder: Path) -> None:
-    """Copy a plugin with the files and packages next to it that it imports."""
-    for file in sorted(imported_files(plugin)):
-        target = folder / file.relative_to(plugin.parent)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, target)
-
-
-def _write_json(path: Path, content: Mapping[str, object]) -> None:
-    text = json.dumps(content, indent=2, sort_keys=True, ensure_ascii=False)
-    path.write_text(f"{text}\n", encoding="utf-8")
-
-
-def _files(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Yield every file of a folder with its path in there."""
-    for path in sorted(folder.rglob("*")):
-        if path.is_file() or path.is_symlink():
-            yield path.relative_to(folder).as_posix(), path
-
-
-def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def read_manifest(folder: Path) -> Manifest:
-    """Read the manifest of a submission.
-
-    Raises:
-        ConfigError: the folder holds none.
-        DataError: it is wrong.
-    """
-    path = folder / MANIFEST
-    if not path.is_file() or path.is_symlink():
-        raise ConfigError(f"{folder}: no {MANIFEST} in it (use a folder of `bench submit`)")
-    return _validated(Manifest, path, path.read_bytes())
-
-
-def wrong_files(folder: Path, manifest: Manifest) -> list[str]:
-    """Return each file that is missing, changed, too large, a link or not in the manifest."""
-    problems = []
-    there = dict(_files(folder))
-    for name in (MANIFEST, VERIFICATION):
-        there.pop(name, None)
-    for name in sorted({*there, *manifest.files}):
-        path = there.get(name)
-        if path is None:
-            problems.append(f"{name} is missing")
-        elif path.is_symlink():
-            problems.append(f"{name} is a link")
-        elif name not in manifest.files:
-            problems.append(f"{name} is not in {MANIFEST}")
-        elif path.stat().st_size > LARGEST_BYTES:
-            problems.append(f"{name} is larger than {LARGEST_BYTES // 2**20} MiB")
-        elif file_sha256(path) != manifest.files[name]:
-            problems.append(f"{name} was changed")
-    return problems
 
 
 def read_submission(folder: Path) -> Submission:
     """Read a submission.
 
     Raises:
-        ConfigError: the folder holds none, or its card is wrong.
-        DataError: a record is wrong.
+        ConfigError: the folder holds none, a file is wrong or does not belong there, or the card is
+            wrong.
     """
-    manifest = read_manifest(folder)
-    return Submission(folder, manifest, read_card(folder / CARD), read_records(folder / RECORDS))
+    digest, files = hashlib.sha256(), dict[str, Path]()
+    for name, path in _entries(folder):
+        files[name] = path
+        if len(files) > MOST_FILES:
+            raise ConfigError(f"{folder}: more than {MOST_FILES} files (valid: fewer)")
+        digest.update(f"{name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+    if CARD not in files:
+        raise ConfigError(f"{folder}: no {CARD} in it (use a folder of `bench submit`)")
+    card = read_card(folder / CARD)
+    if f"{CODE}/{card.plugin}" not in files:
+        raise ConfigError(f"{folder}: no {CODE}/{card.plugin}, which {CARD} names")
+    return Submission(folder, card, digest.hexdigest())
 
 
-def read_records(path: Path) -> list[Record]:
-    """Read records, one per line.
-
-    Raises:
-        DataError: a line does not follow the schema.
-    """
-    try:
-        lines = path.read_bytes().splitlines()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from error
-    return [
-        _validated(Record, path, line, f"line {number}: ")
-        for number, line in enumerate(lines, start=1)
-    ]
-
-
-def _validated(model: type[Content], path: Path, text: bytes, where: str = "") -> Content:
-    try:
-        return model.model_validate_json(text)
-    except ValidationError as error:
-        raise DataError(f"{path}: {where}{describe_problem(error, model)}") from None
-
-
-def read_verification(folder: Path) -> Verification | None:
-    """Return the outcome that is stored with a submission; None: none of its present files."""
-    path = folder / VERIFICATION
-    if not path.is_file():
-        return None
-    verification = _validated(Verification, path, path.read_bytes())
-    current = verification.manifest_sha256 == file_sha256(folder / MANIFEST)
-    return verification if current else None
-
-
-def write_verification(folder: Path, verification: Verification) -> None:
-    """Store the outcome with the submission."""
-    _write_json(folder / VERIFICATION, verification.model_dump(mode="json"))
+def _entries(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield each file with its name in the folder; ConfigError for what does not belong there."""
+    if not folder.is_dir() or folder.is_symlink():
+        raise ConfigError(f"{folder}: is not a folder (use a folder of `bench submit`)")
+    queue = [folder]
+    while queue:
+        for path in sorted(queue.pop().iterdir()):
+            name, status = path.relative_to(folder).as_posix(), path.lstat()
+            at_top = path.parent == folder
+            if stat.S_ISDIR(status.st_mode):
+                if not (name == CODE if at_top else FOLDER_NAME.fullmatch(path.name)):
+                    raise ConfigError(f"{folder}: folder {name!r} (valid: {CODE}/ and packages)")
+                queue.append(path)
+                continue
+            if not stat.S_ISREG(status.st_mode):
+                raise ConfigError(f"{folder}: {name!r} is not a regular file (valid: a file)")
+            if not (name == CARD if at_top else FILE_NAME.fullmatch(path.name)):
+                valid = f"{CARD}, and .py, .json, .csv, .npy, .npz in {CODE}/"
+                raise ConfigError(f"{folder}: {name!r} does not belong there (valid: {valid})")
+            if status.st_size > LARGEST_BYTES:
+                valid = f"at most {LARGEST_BYTES // 2**20} MiB"
+                raise ConfigError(f"{folder}: {name} has {status.st_size} bytes (valid: {valid})")
+            yield name, path

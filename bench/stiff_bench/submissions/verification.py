@@ -1,369 +1,355 @@
-"""Verify a submission without running its code in this process."""
+"""Evaluate a submission here: on the board's robots, and on robots drawn after it was sent."""
 
 from __future__ import annotations
 
-import random
+import math
+import secrets
 import tempfile
-from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Generator, Iterable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cached_property, partial
+from hashlib import sha256
+from operator import itemgetter
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.paper.study_file import Study
-from stiff_bench.plan.cells import CellTask
-from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.cell import fit_input, reference_values
-from stiff_bench.store.names import Variant
-from stiff_bench.submissions.card import read_card
-from stiff_bench.submissions.published_results import Place, place_of
-from stiff_bench.submissions.record import Record, record_metrics
-from stiff_bench.submissions.refit import Request, recompute, study_tasks
-from stiff_bench.submissions.submission import (
-    CARD,
-    RECORDS,
-    Outcome,
-    Submission,
-    read_manifest,
-    read_records,
-    wrong_files,
-)
-from stiff_bench.tables.units import MM, counted, first_few
+from stiff_bench.paper.study_file import Study, StudyRun
+from stiff_bench.plan.cells import CellTask, cell_tasks, installed
+from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.results.load import StoredResults
+from stiff_bench.results.scored_task import sort_key
+from stiff_bench.results.scores import Scores, robot_logs
+from stiff_bench.run.cell import Execution, fit_input, score
+from stiff_bench.run.machine import environment
+from stiff_bench.run.progress import Display
+from stiff_bench.run.runner import run_cells
+from stiff_bench.store.database import ResultStore, has_results, read_results
+from stiff_bench.submissions.sealed_fit import About, SealedModel
+from stiff_bench.tables.table import Column, Table
+from stiff_bench.tables.units import counted
+from stiff_datasets.twin.fresh_arms import FreshArms
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.errors import StiffBenchError
+from stiff_protocols.contract.errors import ConfigError, ModelError
+from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import CellResult
-from stiff_protocols.contract.types import TRUTHS, FloatArray, Prediction
+from stiff_protocols.scoring.over_robots import MeanRatio, mean_ratio
 
-METRIC_TOLERANCE = 1e-9
-"""Largest relative difference of a metric that is rounding."""
-SAME_MM = 1e-6
-"""Largest difference between predictions that is rounding, mm."""
-REFIT_TOLERANCE = 0.1
-"""Largest RMS difference between predictions, relative to the RMS error, that another processor
-may explain: networks round differently there."""
-MAX_BETTER = 0.03
-"""Largest share by which the stated mean 3-D error may be lower than the one of the code: other
-rounding makes predictions different, not better."""
-MIN_NOISE_RATIO = 0.6
-"""Smallest RMS error relative to the instrument's noise; the noise is in every test label, so that
-even the true robot scores about 1."""
-MAX_NOISE_Z = 4.0
-"""Largest z value of the agreement between predictions and the noise of the test labels."""
-MIN_POSES = 20
-"""For that z value."""
-MIN_REFITS = 2
-DEFAULT_SHARE = 0.1
-"""Share of the fits that are computed again."""
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
-Status = Literal["ok", "failed", "not verified"]
+METRIC = "true-norm"
+FRESH_ROBOTS, FRESH_ROBOTS_LITE = 12, 4
+WORLDS, WORLDS_LITE = ("friction", "structure", "all", "unseen"), ("all", "unseen")
+COMMON_WORLDS = ("friction", "structure", "all")
+"""Worlds of the board's robots, too."""
+RIVALS_LITE = (REFERENCE_MODEL, "vjm-full", "curve-springs")
+RIVALS = (*RIVALS_LITE, "bayes-springs")
+"""Models that the submission's is compared with."""
+PROTOCOL = "holdout"
+CHECKED_SAMPLES = 40
+"""Number of samples of the conformance checks."""
+SEED_BITS = 64
 
 
 @dataclass(frozen=True)
-class Check:
-    """The result of one check.
+class Draw:
+    """The draw of the fresh robots: nobody knew them when the submission was sent.
 
     Attributes:
-        status: "failed" refuses the submission.
-        subject: subject of the check in one or two words.
-        text: result or reason.
+        submission: SHA-256 of the submission.
+        commit: a commit that is later than the submission, or the version of stiffbench.
+        nonce: random number, drawn when the fits start.
+        n_robots: number of robots.
     """
 
-    status: Status
-    subject: str
-    text: str
+    submission: str
+    commit: str
+    nonce: str
+    n_robots: int
 
-    def __str__(self) -> str:
-        """Return the check as a line of text."""
-        return f"{self.status:<12}  {self.subject}: {self.text}"
+    @property
+    def seeds(self) -> list[int]:
+        """Return the seeds of the robots."""
+        words = (f"{self.submission}/{self.commit}/{self.nonce}/{i}" for i in range(self.n_robots))
+        return [int(sha256(text.encode()).hexdigest(), 16) % 2**SEED_BITS for text in words]
 
 
-@dataclass(frozen=True)
-class Refits:
-    """The choice and the limits of the fits to compute again.
+def new_draw(submission: str, n_robots: int) -> Draw:
+    """Return a draw with a new random number."""
+    commit = environment().get("commit", installed("stiffbench"))
+    return Draw(submission, commit, secrets.token_hex(16), n_robots)
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """The scores of a submission's model.
 
     Attributes:
-        seed: seed of the choice.
-        share: share of all fits; at least two fits are chosen.
-        timeout_s, memory_bytes: limits per fit.
-        jobs: number of parallel fits.
+        model: name of the model.
+        draw: of the fresh robots.
+        named, fresh: scores on the board's robots and on the fresh ones.
     """
 
-    seed: int
-    share: float = DEFAULT_SHARE
-    timeout_s: float = 600.0
-    memory_bytes: int = 4 * 2**30
-    jobs: int = 1
+    model: str
+    draw: Draw
+    named: Scores
+    fresh: Scores
+
+    @cached_property
+    def frame(self) -> DataFrame:
+        """Return a row per model, best first: ratios to the VJM's error.
+
+        Columns: `model`, and (side or world, `ratio`, `low` or `high`).
+        """
+        from pandas import DataFrame
+
+        sides: dict[str, tuple[Scores, str]] = {
+            "named": (self.named, ""),
+            "fresh": (self.fresh, ""),
+        }
+        sides |= {world: (self.fresh, world) for world in WORLDS}
+        columns: dict[Any, list[Any]] = {"model": [*self.fresh.models]}
+        for name, (scores, world) in sides.items():
+            logs = _logs(scores, (world,) if world else (*scores.rows["world"].unique(),))
+            for model in self.fresh.models:
+                mean = mean_ratio(logs[model]) if model in logs and len(logs) > 1 else NO_RATIO
+                for key in ("ratio", "low", "high"):
+                    columns.setdefault((name, key), []).append(getattr(mean, key))
+        best_first: Any = [("fresh", "ratio")]
+        return DataFrame(columns).sort_values(best_first, ignore_index=True)
+
+    @cached_property
+    def rank_agreement(self) -> float:
+        """Kendall's tau between the models' scores on named and on fresh robots."""
+        from scipy.stats import kendalltau
+
+        ratios = [[row[side, "ratio"] for _, row in self.frame.iterrows()] for side in SIDES]
+        return float(kendalltau(*ratios).statistic)
+
+    @cached_property
+    def fresh_over_named(self) -> MeanRatio:
+        """Error over the best spring model's on fresh robots, over the same on named ones.
+
+        Worlds that both have; the interval is Welch's.
+        """
+        return _two_sample_ratio(
+            *(self._against_rival(scores) for scores in (self.fresh, self.named))
+        )
+
+    @property
+    def is_better_on_named(self) -> bool:
+        """True if the model loses on fresh robots, beyond the interval."""
+        return self.fresh_over_named.low > 1.0
+
+    def _against_rival(self, scores: Scores) -> np.ndarray[Any, Any]:
+        """Return (n_robots,) ln of the error over the best rival's, in the common worlds."""
+        logs = _logs(scores, COMMON_WORLDS)
+        rivals = logs.drop(columns=[self.model]).mean()
+        return (logs[self.model] - logs[rivals.idxmin()]).dropna().to_numpy()
+
+    def table(self) -> Table:
+        """Return the table of named and fresh robots."""
+        columns = [
+            Column("model", "text"),
+            *(Column(side, "text", value=partial(_text, side=side)) for side in SIDES),
+            *(
+                Column(world, format=".2f", value=itemgetter((world, "ratio")))
+                for world in WORLDS
+                if self.frame[world, "ratio"].notna().any()
+            ),
+        ]
+        change = self.fresh_over_named
+        notes = [
+            "named, fresh: error against the true robot over the VJM's, geometric mean over robots "
+            "with its 95 % interval; then the worlds of the fresh robots",
+            f"fresh robots: {self.draw.n_robots}, drawn by the nonce {self.draw.nonce} after the "
+            "submission was sent",
+            f"Kendall's rank agreement of named and fresh: {self.rank_agreement:.2f}",
+            f"error against the best spring model, fresh over named: {change.ratio:.2f} "
+            f"({change.low:.2f} to {change.high:.2f})",
+        ]
+        if self.is_better_on_named:
+            notes.append(f"{self.model} does better on named than on fresh robots")
+        return Table.of(self.model, columns, self.frame, notes)
+
+    def record(self) -> dict[str, Any]:
+        """Return what the board shows of the fresh robots, as JSON."""
+        of_model = self.frame[self.frame["model"] == self.model].iloc[0]
+        change = self.fresh_over_named
+        return {
+            "submission": self.draw.submission,
+            "commit": self.draw.commit,
+            "nonce": self.draw.nonce,
+            "seeds": self.draw.seeds,
+            "date": datetime.now(UTC).date().isoformat(),
+            "stiffbench": installed("stiffbench"),
+            "fresh": [of_model["fresh", key] for key in ("ratio", "low", "high")],
+            "worlds": {world: of_model[world, "ratio"] for world in WORLDS},
+            "fresh_over_named": [change.ratio, change.low, change.high],
+            "rank_agreement": self.rank_agreement,
+        }
 
 
-def outcome_of(checks: Sequence[Check]) -> Outcome:
-    """Return the outcome of all checks."""
-    statuses = {check.subject: check.status for check in checks}
-    if "failed" in statuses.values():
-        return "refused"
-    return "verified" if statuses.get("code") == "ok" else "reported"
+SIDES = ("named", "fresh")
+SMALLEST_RATIO = 1e-6
+"""Of an error over the VJM's: no model has none, unless it knows the truth."""
+NO_RATIO = MeanRatio(math.nan, math.nan, math.nan, 0)
 
 
-def verify(folder: Path, study: Study, refits: Refits) -> Iterator[Check]:
-    """Yield each check of a submission, until one fails.
+def _logs(scores: Scores, worlds: Collection[str]) -> DataFrame:
+    """Return (robots, models) mean logarithms of the error over the VJM's in some worlds."""
+    rows = scores.rows[scores.rows["world"].isin(worlds)]
+    ratios = rows["error ratio"].where(rows["error"] > 0.0, SMALLEST_RATIO)
+    rows = rows.assign(**{"error ratio": ratios.clip(lower=SMALLEST_RATIO)})
+    return robot_logs(rows, "error ratio", partial=True)
+
+
+def _two_sample_ratio(first: np.ndarray[Any, Any], second: np.ndarray[Any, Any]) -> MeanRatio:
+    """Return exp of the difference of two means, with Welch's 95 % interval."""
+    from scipy import stats
+
+    if len(second) < 2:  # the short version has few named robots
+        return mean_ratio(first - second.mean())
+    interval = stats.ttest_ind(first, second, equal_var=False).confidence_interval(0.95)
+    change = float(first.mean() - second.mean())
+    bounds = math.exp(interval.low), math.exp(interval.high)
+    return MeanRatio(math.exp(change), *bounds, len(first))
+
+
+def _text(row: dict[Any, Any], side: str) -> str:
+    ratio, low, high = (row[side, key] for key in ("ratio", "low", "high"))
+    ends = "" if low is None else f" ({low:.2f} to {high:.2f})"
+    return f"{ratio:.2f}{ends}"
+
+
+class StandIn:
+    """Stand for a model whose code runs in sealed processes only."""
+
+    def fit(self, train: object, **about: object) -> StandIn:
+        """Raise ModelError: it is never fitted here."""
+        raise ModelError("this model is fitted in a sealed process")
+
+    def predict(self, q: object, wrench: object) -> object:
+        """Raise ModelError: it never predicts here."""
+        raise ModelError("this model predicts in a sealed process")
+
+    def chooses_epoch(self) -> bool:
+        """Return True; the line of the model says whether it needs validation rows."""
+        return True
+
+
+@dataclass(eq=False, kw_only=True)
+class SealedProcesses(Execution):
+    """Compute the fits of a submission's model, each in a sealed process."""
+
+    model: SealedModel
+
+    def results(
+        self, tasks: Iterable[CellTask], run_id: str, display: Display
+    ) -> Generator[CellResult, None, None]:
+        """Yield the result of every cell as it ends."""
+        for task in tasks:
+            display.start(task)
+            given = fit_input(task)
+            yield score(task, given, run_id, self.model.fit(given))
+
+
+def verify(
+    model: SealedModel,
+    study: Study,
+    *,
+    lite: bool,
+    results: Path,
+    execution: Execution,
+    command: str,
+    write: bool = False,
+) -> Verification:
+    """Evaluate a submission's model on the board's robots and on fresh ones.
+
+    Args:
+        model: the submission's model.
+        study: the board's study; its first run has the named robots.
+        lite: the short version.
+        results: stored fits of the board; missing ones of other models are computed.
+        execution: of the other models' fits.
+        command: command of the run, stored with the results.
+        write: True to store the model's fits on the board's robots in `results`.
 
     Raises:
-        ConfigError: the folder holds no submission.
+        ConfigError: the model fails a check, or a fit.
+        StoreError: the results cannot be read or written.
     """
-    manifest = read_manifest(folder)
-    if problems := wrong_files(folder, manifest):
-        yield Check("failed", "files", first_few(problems))
-        return
-    n_files = counted(len(manifest.files), "file")
-    yield Check("ok", "files", f"{n_files} with the hashes of the manifest")
-    try:
-        submission = Submission(
-            folder, manifest, read_card(folder / CARD), read_records(folder / RECORDS)
-        )
-    except StiffBenchError as error:
-        yield Check("failed", "schema", str(error))
-        return
-    key = Variant.of_word(submission.card.model).key
-    if Variant.of_word(manifest.model).key != key:
-        yield Check("failed", "schema", f"the card is of {key}, the manifest of {manifest.model}")
-        return
-    n_records = counted(len(submission.records), "record")
-    yield Check("ok", "schema", f"card and {n_records} are complete")
-    if manifest.study != study.name:
-        yield Check("failed", "study", f"{manifest.study}, not {study.name}")
-        return
-    tasks = {
-        place_of(task.cell, task.presentation): task
-        for task in study_tasks(study, manifest.scope, REFERENCE_MODEL, build_registry())
-    }
-    for check in (check_splits, check_metrics, check_labels):
-        checked = check(submission, tasks)
-        yield checked
-        if checked.status == "failed":
-            return
-    yield from check_code(submission, study, refits)
-    yield Check("not verified", "cost", "fit times and memory are of the submitter's machine")
-    claims = f"tuned on: {submission.card.tuned_on}; hardware: {submission.card.hardware}"
-    yield Check("not verified", "card", claims)
-
-
-def place_of_record(record: Record) -> Place:
-    """Return the split of the study that a record belongs to."""
-    return record.dataset, record.protocol, record.condition, record.seed, record.split_index
-
-
-def check_splits(submission: Submission, tasks: Mapping[Place, CellTask]) -> Check:
-    """Check that the records are the fits of the study: data, rows, seeds and model."""
-    problems: list[str] = []
-    counts = Counter(map(place_of_record, submission.records))
-    problems += [f"{place}: {n} records" for place, n in counts.items() if n > 1]
-    problems += [f"{place}: not in the study" for place in counts if place not in tasks]
-    problems += [f"{place}: no record" for place in tasks if place not in counts]
-    versions = {record.model_version for record in submission.records}
-    if len(versions) > 1:
-        problems.append(f"records of {len(versions)} versions of the model")
-    for record in submission.records:
-        if (task := tasks.get(place_of_record(record))) is not None:
-            reason = _difference(record, submission.manifest.model, task)
-            problems += [f"{record.place_text}: {reason}"] if reason else []
-    if problems:
-        return Check("failed", "splits", first_few(problems))
-    n_fits = counted(len(tasks), "fit")
-    version = f"study {submission.manifest.study}, {submission.manifest.scope}"
-    return Check("ok", "splits", f"data, rows and seeds of {n_fits} are as in the {version}")
-
-
-def _difference(record: Record, model: str, task: CellTask) -> str:
-    """Return why a record is not of a fit of the study; "": it is."""
-    rows, samples = task.split.reported, task.data.samples
-    if record.status != "ok":
-        return f"the fit {record.status}: {record.failure}"
-    if record.model != model:
-        return f"of the model {record.model}, not {model}"
-    if record.data_sha256 != task.cell.data_sha256:
-        return "other data"
-    if record.split_sha256 != task.cell.split_sha256 or record.rows != rows.tolist():
-        return "other rows than in the split"
-    if len(record.predicted_mm) != len(rows) or len(record.measured_mm) != len(rows):
-        return f"{len(record.predicted_mm)} predictions for {len(rows)} rows"
-    if not np.allclose(record.measured, samples.deflection[rows], rtol=0.0, atol=1e-12):
-        return "other measured deflections than in the data"
-    if record.n_train != len(task.training_rows):
-        return f"{record.n_train} training samples, not {len(task.training_rows)}"
-    return ""
-
-
-def check_metrics(submission: Submission, tasks: Mapping[Place, CellTask]) -> Check:
-    """Check the metrics: recomputed from the predictions and the deflections of the data."""
-    problems = []
-    for record in submission.records:
-        metrics = record_metrics(_prediction(record, tasks[place_of_record(record)]))
-        names = sorted(metrics.keys() | record.metrics.keys())
-        for name in names:
-            value, stated = metrics.get(name, np.nan), record.metrics.get(name, np.nan)
-            if not np.isclose(value, stated, rtol=METRIC_TOLERANCE, atol=METRIC_TOLERANCE):
-                problems.append(f"{record.place_text}: {name} is {value:.6g}, not {stated:.6g}")
-                break
-    if problems:
-        return Check("failed", "metrics", first_few(problems))
-    return Check("ok", "metrics", "recomputed from the predictions, the same")
-
-
-def _prediction(record: Record, task: CellTask) -> Prediction:
-    """Return the predictions of a record with the deflections of the data."""
-    rows, bounds = task.split.reported, task.data.bound_deflections
-    return Prediction(
-        rows=rows,
-        predicted=record.predicted,
-        measured=task.data.samples.deflection[rows],
-        reference=reference_values(task, fit_input(task)),
-        bound_deflections={name: bounds[name][rows] for name in TRUTHS if name in bounds},
+    about = _checked(model)
+    catalogue = build_registry()
+    info = ModelInfo(
+        key=about.key,
+        target=StandIn,
+        summary=model.submission.card.summary,
+        uses_validation=about.uses_validation,
     )
-
-
-def check_labels(submission: Submission, tasks: Mapping[Place, CellTask]) -> Check:
-    """Check that the predictions are independent of the noise of the test labels.
-
-    The noise is known of simulated data. An honest model cannot predict it. So its RMS error is
-    not below the RMS noise, and the cosine between its deviation from the truth and the noise is
-    zero on average over poses. Copied labels agree with the noise, also if they are mixed with a
-    model's predictions.
-    """
-    cosines: dict[tuple[str, str], float] = defaultdict(float)
-    problems, unknown = [], set[str]()
-    for record in submission.records:
-        task = tasks[place_of_record(record)]
-        rows, samples = task.split.reported, task.data.samples
-        if "noise" not in task.data.bound_deflections:
-            unknown.add(record.dataset)
-            continue
-        truth = task.data.bound_deflections["noise"][rows]
-        noise, deviation = samples.deflection[rows] - truth, record.predicted - truth
-        ratio = _rms(deviation - noise) / _rms(noise)
-        if ratio < MIN_NOISE_RATIO:
-            problems.append(
-                f"{record.place_text}: RMS error is {ratio:.2f} of the instrument noise, which no "
-                f"model reaches without the test labels (at least {MIN_NOISE_RATIO:g})"
-            )
-        lengths = np.linalg.norm(deviation, axis=1) * np.linalg.norm(noise, axis=1)
-        products = (deviation * noise).sum(axis=1)
-        row_cosines = np.divide(products, lengths, out=np.zeros(len(rows)), where=lengths > 0.0)
-        for pose, cosine in zip(samples.pose_id[rows], row_cosines, strict=True):
-            cosines[record.data_sha256, str(pose)] += float(cosine)
-    per_pose = np.array([*cosines.values()])  # the noise of a pose is the same in all splits
-    z = float(per_pose.sum() / np.sqrt((per_pose**2).sum())) if per_pose.any() else 0.0
-    if len(per_pose) >= MIN_POSES and z > MAX_NOISE_Z:
-        problems.append(
-            f"predictions agree with the noise of the test labels: z = {z:.1f} over "
-            f"{counted(len(per_pose), 'pose')} (at most {MAX_NOISE_Z:g})"
-        )
-    if problems:
-        return Check("failed", "labels", first_few(problems))
-    if not len(per_pose):
-        return Check("not verified", "labels", "the noise of these data is unknown")
-    except_for = f"; unknown of {first_few(sorted(unknown))}" if unknown else ""
-    text = f"predictions are independent of the noise of the test labels (z = {z:.1f}){except_for}"
-    return Check("ok", "labels", text)
-
-
-def _rms(errors: FloatArray) -> float:
-    """Return the root mean square length of (n, 3) vectors."""
-    return float(np.sqrt((errors**2).sum(axis=1).mean()))
-
-
-def check_code(submission: Submission, study: Study, refits: Refits) -> Iterator[Check]:
-    """Check a random part of the fits: computed again from the code, in other processes."""
-    records = sorted(submission.records, key=place_of_record)
-    number = min(len(records), max(MIN_REFITS, round(refits.share * len(records))))
-    chosen = random.Random(refits.seed).sample(records, number)
-    which = f"{number} of {counted(len(records), 'fit')} (seed {refits.seed})"
+    catalogue.add([info], str(model.submission.folder))
+    draw = new_draw(model.submission.sha256, FRESH_ROBOTS_LITE if lite else FRESH_ROBOTS)
+    sealed = SealedProcesses(model=model)
+    stored = read_results(results) if has_results(results) else []
+    scores: dict[str, Scores] = {}
     with tempfile.TemporaryDirectory(prefix="bench-verify-") as folder:
-        request = Request(
-            study=study.word,
-            scope=submission.manifest.scope,
-            model=submission.manifest.model,
-            plugin=submission.plugin.resolve(),
-            places=[place_of_record(record) for record in chosen],
-            output=Path(folder) / "runs",
-            timeout_s=refits.timeout_s,
-            memory_bytes=refits.memory_bytes,
-            jobs=refits.jobs,
-        )
-        try:
-            results = recompute(request)
-        except StiffBenchError as error:
-            yield Check("failed", "code", f"{which} could not be computed again: {error}")
-            return
-    yield from compare_fits(chosen, results, which)
-    n_left = len(records) - len(chosen)
-    if n_left:
-        text = f"{n_left} were not computed again, so their path errors are as stated"
-        yield Check("not verified", "other fits", text)
+        for side in SIDES:
+            named = (study.lite_version() if lite else study).run[0]
+            run = named if side == "named" else _fresh_run(draw, lite)
+            rivals = _tasks(study, replace(run, models=RIVALS_LITE if lite else RIVALS), catalogue)
+            keys = {task.cell.key for task in rivals}
+            there = [fit for fit in stored if fit.cell.key in keys and fit.status == "ok"]
+            found_keys = {fit.cell.key for fit in there}
+            missing = [task for task in rivals if task.cell.key not in found_keys]
+            of_submission = [
+                replace(
+                    task,
+                    cell=replace(task.cell, model_version=model.submission.sha256[:12]),
+                    presentation=replace(task.presentation, model=about.name),
+                )
+                for task in _tasks(study, replace(run, models=(about.key,)), catalogue)
+            ]
+            place = results if write and side == "named" else Path(folder) / side
+            computed = run_cells(of_submission, command, ResultStore(place), sealed).results
+            if failed := [fit for fit in computed if fit.status != "ok"]:
+                dataset = failed[0].presentation.dataset
+                raise ConfigError(
+                    f"{model.submission.folder}: no result on {dataset}: {failed[0].failure}"
+                )
+            store = ResultStore(Path(folder) / f"{side} rivals")
+            of_rivals = run_cells(missing, command, store, execution).results
+            every_fit = StoredResults.of_results(place, [*there, *of_rivals, *computed])
+            scores[side] = Scores.of(every_fit, sort_key(METRIC), every_fit.tasks)
+    return Verification(about.name, draw, **scores)
 
 
-def compare_fits(
-    records: Sequence[Record], results: Sequence[CellResult], which: str
-) -> Iterator[Check]:
-    """Yield the check of fits that were computed again: predictions, path errors and version."""
-    computed = {place_of(result.cell, result.presentation): result for result in results}
-    problems, skipped, rounded = list[str](), list[str](), list[float]()
-    stated_mm, computed_mm = 0.0, 0.0
-    for record in records:
-        result = computed.get(place_of_record(record))
-        if result is not None and result.status == "skipped":
-            skipped.append(result.failure)
-            continue
-        reason, difference = _refit_difference(record, result)
-        if reason:
-            problems.append(f"{record.place_text}: {reason}")
-        elif result is not None:
-            stated_mm += record.metrics["norm_mm"]
-            computed_mm += Record.of(result, {}).metrics["norm_mm"]
-            rounded += [difference] if difference else []
-    better = 1.0 - stated_mm / computed_mm if computed_mm else 0.0
-    if better > MAX_BETTER:
-        problems.append(
-            f"the stated 3-D error is {better:.0%} lower than the error of the code (at most "
-            f"{MAX_BETTER:.0%})"
-        )
-    if problems:
-        yield Check("failed", "code", f"{which} computed again: {first_few(problems)}")
-    elif skipped:
-        yield Check("not verified", "code", f"cannot be run here: {first_few([*set(skipped)])}")
-    else:
-        same = "same predictions and path errors"
-        close = f"same within {REFIT_TOLERANCE:.0%} of the RMS error"
-        yield Check("ok", "code", f"{which} computed again: {close if rounded else same}")
-        if rounded:
-            text = f"of predictions up to {max(rounded):.2g} mm apart (another processor?)"
-            yield Check("not verified", "last digits", text)
+def _fresh_run(draw: Draw, lite: bool) -> StudyRun:
+    """Return the run on the fresh robots."""
+    words = [
+        f"fresh-arms@seed={seed}" + f"@world={world}" * (world != "all")
+        for world in (WORLDS_LITE if lite else WORLDS)
+        for seed in draw.seeds
+    ]
+    return StudyRun(models=(), datasets=tuple(words), protocols=(PROTOCOL,), splits=1)
 
 
-def _refit_difference(record: Record, result: CellResult | None) -> tuple[str, float]:
-    """Return why a fit differs ("": it does not), and the largest difference in mm beyond rounding.
+def _tasks(study: Study, run: StudyRun, catalogue: Registry) -> list[CellTask]:
+    """Return the fits of a run."""
+    return [*cell_tasks(*replace(study, run=(run,)).plans(catalogue, output=Path(), command=""))]
 
-    Stated path errors may differ as much as predictions do.
-    """
-    if result is None or result.prediction is None:
-        return ("no result" if result is None else f"failed: {result.failure}"), 0.0
-    if result.cell.model_version != record.model_version:
-        return "the records were computed with other code", 0.0
-    predicted = result.prediction.predicted
-    if predicted.shape != record.predicted.shape:
-        return "another number of predictions", 0.0
-    computed = Record.of(result, {})
-    difference = np.abs(predicted - record.predicted)
-    relative = _rms(predicted - record.predicted) / _rms(predicted - record.measured)
-    largest = MM * float(difference.max())
-    if largest > SAME_MM and not relative <= REFIT_TOLERANCE:
-        return f"predictions differ by up to {largest:.2g} mm, {relative:.0%} of the RMS error", 0.0
-    stated, path_error = record.path_error_mm, computed.path_error_mm
-    if (stated is None) != (path_error is None):
-        return f"path error {path_error}, not {stated} mm", 0.0
-    if stated is not None and path_error is not None:
-        apart = abs(path_error - stated)
-        if apart > SAME_MM and apart > REFIT_TOLERANCE * path_error:
-            return f"path error {path_error:.4g} mm, not {stated:.4g} mm", 0.0
-        largest = max(largest, apart)
-    return "", largest if largest > SAME_MM else 0.0
+
+def _checked(model: SealedModel) -> About:
+    """Return what the model says of itself; ConfigError if it cannot be evaluated."""
+    data = FreshArms().load().without_truth()
+    few = replace(data, samples=data.samples.take(np.arange(CHECKED_SAMPLES)))
+    about = model.described(few)
+    folder = model.submission.folder
+    if about.failure:
+        raise ConfigError(f"{folder}: {about.failure}")
+    if about.failed_checks:
+        n_failed, texts = len(about.failed_checks), "; ".join(about.failed_checks)
+        raise ConfigError(f"{folder}: fails {counted(n_failed, 'check')}: {texts[:2000]}")
+    return about

@@ -596,7 +596,7 @@ class Drift(Effect):
 
 @dataclass(frozen=True, eq=False)
 class OneSidedPlay(Effect):
-    """A gear gives way further in one direction: theta = s w (1 - exp(-max(s tau, 0) / tau_0)).
+    """A gear turns further in one direction: theta = s w (1 - exp(-max(s tau, 0) / tau_0)).
 
     Attributes:
         width: (n_joints, 1) s w, signed, rad.
@@ -623,7 +623,7 @@ class OneSidedPlay(Effect):
 
 @dataclass(frozen=True, eq=False)
 class BallBearings(Effect):
-    """Balls in the bearings give way less the harder they are pressed: Hertz's contact.
+    """Balls in the bearings stiffen with the force: Hertz's contact.
 
     theta = a T ((|tau| / T + l)^(2/3) - l^(2/3)) sign(tau), with the rated torque T.
 

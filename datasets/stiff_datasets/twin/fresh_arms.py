@@ -1,6 +1,6 @@
 """Draw robots that no model has met: kinematics, masses, gears, bearings and links from a seed.
 
-Proportions, masses and sizes lie about those of the ten arms of `arm-family`: assumptions. Gears
+Proportions, masses and sizes are near the ten arms of `arm-family`: assumptions. Gears
 are chosen like theirs, by the joints' largest static torque.
 """
 

@@ -66,3 +66,35 @@ def half_springs(tmp_path_factory) -> Path:
     file = tmp_path_factory.mktemp("plugin") / "half_springs.py"
     file.write_text(PLUGIN)
     return file
+
+
+CARD = """
+name = "Half springs"
+model = "{model}"
+plugin = "{plugin}"
+kind = "physics"
+authors = ["A. Author"]
+year = 2026
+url = "https://example.org"
+reference = "none"
+licence = "MIT"
+summary = "Half of what springs predict."
+tuned_on = "none"
+hardware = "one core"
+"""
+
+
+@pytest.fixture
+def submission_of(tmp_path):
+    """A function that writes a submission with a plugin's text and further files."""
+
+    def write(text: str, *, model: str = "mine", **files: str) -> Path:
+        folder = tmp_path / "submission"
+        (folder / "code").mkdir(parents=True)
+        (folder / "card.toml").write_text(CARD.format(model=model, plugin="mine.py"))
+        (folder / "code" / "mine.py").write_text(text)
+        for name, content in files.items():
+            (folder / "code" / name.replace("__", ".")).write_text(content)
+        return folder
+
+    return write
