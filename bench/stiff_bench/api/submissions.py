@@ -71,7 +71,7 @@ def verify_submission(
         command: command of the run, stored with the results.
 
     Raises:
-        ConfigError: the folder is no submission, bubblewrap is missing, or the model fails.
+        ConfigError: the folder is not a submission, bubblewrap is missing, or the model fails.
         StoreError: the results cannot be read or written.
     """
     submission = read_submission(Path(folder))

@@ -1,8 +1,9 @@
 """Compute fits of a third-party model in a sealed process.
 
 Each process gets the samples to learn from and the rows to predict, never a label that is scored.
-It runs under bubblewrap: without network, with read-only files of Python and of stiffbench alone,
-and without the robots, data and results that are shipped. Its answer is a file of arrays, which is
+It runs under bubblewrap: without network and
+without the robots, data and results that are shipped. Of the machine it sees read-only files of
+Python and stiffbench. Its answer is a file of arrays, which is
 checked as third-party data.
 
     python -m stiff_bench.submissions.sealed_fit FOLDER
@@ -107,7 +108,7 @@ class SealedModel:
         return self._answer(data)[0]
 
     def fit(self, given: FitInput) -> FitOutcome:
-        """Return the outcome of a fit; its time is that of the whole process."""
+        """Return the outcome of a fit; its time is the time of the whole process."""
         about, arrays, seconds = self._answer(given)
         if about.failure or about.cause or "predicted" not in arrays:
             failure = about.failure or "the model left no predictions"
@@ -147,7 +148,7 @@ class SealedModel:
                 return About(failure=reason, cause="no outcome"), {}, seconds
 
     def _run(self, folder: Path) -> str:
-        """Run the process of a folder to its end; return why there is no answer, or ""."""
+        """Run the process of a folder to its end; return why it failed, or ""."""
         root = str(folder) if self.trust else ROOT
         words = [sys.executable, "-P", "-m", MODULE, root]
         if not self.trust:

@@ -1,4 +1,4 @@
-"""What code of others can do in its sealed process, and what it cannot."""
+"""Check what code of others can do in its sealed process, and what it cannot."""
 
 from __future__ import annotations
 
