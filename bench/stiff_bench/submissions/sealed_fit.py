@@ -1,10 +1,9 @@
 """Compute fits of a third-party model in a sealed process.
 
 Each process gets the samples to learn from and the rows to predict, never a label that is scored.
-It runs under bubblewrap: without network and
-without the robots, data and results that are shipped. Of the machine it sees read-only files of
-Python and stiffbench. Its answer is a file of arrays, which is
-checked as third-party data.
+It runs under bubblewrap: without network and without the robots, data and results that are shipped.
+Of the machine it sees read-only files of Python and stiffbench. Its answer is a file of arrays,
+which is checked as third-party data.
 
     python -m stiff_bench.submissions.sealed_fit FOLDER
 """
