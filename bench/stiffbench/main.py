@@ -8,16 +8,17 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import stiffbench as sb
-from stiff_bench.console import escape_missing_characters, print_text, say
+from stiff_bench.console import escape_missing_characters, print_text, say, wrapped
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, unknown_name
 from stiffbench.commands import COMMANDS, GROUPS, Command
-from stiffbench.help_page import HelpPage, page_end, print_rows
 
 if TYPE_CHECKING:
     from cyclopts import App
+    from cyclopts.help import HelpPanel
 
 INTERRUPTION = "interrupted. Results so far are saved; run the same command to continue."
 USAGE_ERROR, CELLS_FAILED = 2, 1
@@ -27,6 +28,8 @@ GENERAL_OPTIONS = (
     ("--debug", "Show the traceback of an error; valid for every command."),
     ("--version", "Show the version."),
 )
+NAME_COLUMN = 28
+"""Width of the column of options' names; longer names have a line of their own."""
 
 
 class Stopped(BaseException):
@@ -145,6 +148,57 @@ def print_overview(group: str) -> None:
         print_rows("Options", GENERAL_OPTIONS)
         examples = [examples[0], "bench run --help"]
     print_text("\n" + page_end("\n".join(examples)))
+
+
+# help pages
+
+
+def print_rows(heading: str, rows: Sequence[tuple[str, str]]) -> None:
+    """Print names and their descriptions as two columns below a heading."""
+    width = max((len(name) for name, _ in rows if len(name) <= NAME_COLUMN), default=0)
+    print_text(f"\n{heading}:")
+    for name, text in rows:
+        if len(name) > width:
+            print_text(f"  {name}")
+            name = ""
+        print_text(wrapped(text, f"  {name:<{width}}  ", " " * (width + 4)))
+
+
+def page_end(example: str) -> str:
+    """Return the end of a page: the option for it, and an example as it is."""
+    lines = "\n".join(f"  {line}" for line in example.splitlines())
+    return f"-h, --help  Show this page.\n\nExample:\n{lines}"
+
+
+class HelpPage:
+    """The formatter of cyclopts' help pages."""
+
+    def __call__(self, console: Any, options: Any, panel: HelpPanel) -> None:
+        """Print a group of options with its heading."""
+        rows = []
+        for entry in panel.entries:
+            is_option = entry.positional_label is None
+            end = " [required]" if entry.required and is_option else ""
+            end = f" [default: {entry.default}]" if entry.default else end
+            text = _plain(entry.description) + end
+            rows.append((", ".join(entry.display_labels_with_metavar), text))
+        if rows:
+            print_rows(str(panel.title), rows)
+
+    def render_usage(self, console: Any, options: Any, usage: Any) -> None:
+        """Print the usage."""
+        print_text(f"Usage: {str(usage).strip()}")
+
+    def render_description(self, console: Any, options: Any, description: Any) -> None:
+        """Print the text of a command; lines of a list stay as they are."""
+        for paragraph in _plain(description).split("\n\n"):
+            is_list = paragraph.startswith(" ")
+            print_text("\n" + (paragraph if is_list else wrapped(" ".join(paragraph.split()))))
+
+
+def _plain(text: Any) -> str:
+    text = getattr(text, "primary_renderable", text)
+    return str(getattr(text, "plain", text) or "")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from stiff_bench.api import RESULTS
 from stiff_bench.parameter_types import Bounds
-from stiff_bench.results.results import RESULTS, Results
+from stiff_bench.results.results import Results
 from stiff_bench.results.selection import EVERYTHING
 from stiff_bench.tables.writers import Tables
 from stiff_protocols.contract.errors import ConfigError, unknown_name

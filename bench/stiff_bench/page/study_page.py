@@ -17,9 +17,9 @@ from stiff_bench.page.page import write_text
 from stiff_bench.paper import paper_figures, paper_tables
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import Study
-from stiff_bench.results.leaderboard import StudyLeaderboard, build_leaderboard, leaderboard_tables
+from stiff_bench.results.columns import metric_tables
+from stiff_bench.results.leaderboard import StudyLeaderboard, leaderboard_tables
 from stiff_bench.results.load import StoredResults
-from stiff_bench.results.metric_tables import metric_tables
 from stiff_bench.results.notes import outdated_models, sources
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.store.database import FILE
@@ -65,7 +65,7 @@ def study_leaderboard(study: Study, stored: StoredResults) -> StudyLeaderboard:
 def _leaderboard(results: StudyResults) -> list[Table]:
     if results.study.board is not None:
         return results.leaderboard.tables
-    return leaderboard_tables(build_leaderboard(results.stored, sort_key()))
+    return leaderboard_tables(results.stored, sort_key())
 
 
 def _scores(results: StudyResults) -> list[Table]:

@@ -35,10 +35,8 @@ from stiff_bench.results.notes import mark_of
 from stiff_bench.store.names import Variant
 from stiff_bench.tables.published import (
     about_table,
-    claimed_reductions,
     published_errors,
     published_lines,
-    published_stiffness,
 )
 from stiff_bench.tables.table import Column, Quantity, Table
 from stiff_bench.tables.units import MM, counted
@@ -240,7 +238,8 @@ def _table_3(_: PaperResults) -> list[Table]:
     def placed(stiffness: Mapping[str, float]) -> Numbers:
         return {((joint,), "stiffness"): value / KILO for joint, value in stiffness.items()}
 
-    published = published_stiffness()
+    lines = published_lines("table_3")
+    published = {line["joint"]: float(line["stiffness_Nm_per_rad"]) for line in lines}
     ours = [
         {joint: diagnostics[spring_key("stiffness", joint, "Nm/rad")] for joint in published}
         for _, diagnostics in map(fitted_vjm, SPECIMENS)
@@ -417,7 +416,8 @@ CLAIMED, RECOMPUTED = "claimed", "from Table 10"
 
 def _table_10(results: PaperResults) -> list[Table]:
     """Return the errors of the paper's methods, and FT-MLP's reductions against the VJM."""
-    published, claimed = published_errors("table_10"), claimed_reductions()
+    published = published_errors("table_10")
+    claimed = published_errors("claimed_reductions")["reduction_percent"]
     old, new = published[OLD], published[NEW]
     of_paper = {
         (row, method): values[at]

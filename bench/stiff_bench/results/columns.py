@@ -10,18 +10,28 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from operator import itemgetter, methodcaller
+from itertools import chain
+from operator import attrgetter, itemgetter, methodcaller
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from stiff_bench.results.fit_values import mean_over, metric_values
+from stiff_bench.results.fit_values import bound_results, mean_over, metric_values
+from stiff_bench.results.notes import (
+    failure_lines,
+    mark_of,
+    number_notes,
+    outcome_notes,
+    size_notes,
+)
 from stiff_bench.results.scored_task import NOISE_FLOOR, ScoredTask
 from stiff_bench.results.scores import Scores, control_rows
+from stiff_bench.store.names import grouped
+from stiff_bench.tables.published import MARK, NOTE, published_errors
 from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, Table
 from stiff_bench.tables.table import text_columns as texts
 from stiff_bench.tables.units import PRINTED, counted, duration, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import CellResult, Presentation
 from stiff_protocols.contract.types import AXES, BOUND_NAMES
 from stiff_protocols.scoring.metrics import METRICS, WHOLE_VECTOR, Metric
 from stiff_protocols.scoring.over_robots import MARGIN
@@ -58,32 +68,39 @@ def number(row: Row, key: Any, factor: float = 1.0) -> float | None:
     return None if value is None or math.isnan(value) else factor * value
 
 
-def interval(row: Row, low: str = "low", high: str = "high") -> Quantity | None:
-    """Return two numbers of a row as an interval about its ratio; None if they are missing."""
-    bounds = number(row, low), number(row, high)
-    ratio = number(row, "ratio")
-    return None if None in bounds else Quantity(low=bounds[0], high=bounds[1], ratio=ratio)
-
-
 def change(ratio: float | None) -> float | None:
     """Return a ratio as a change in %."""
     return None if ratio is None else 100.0 * (ratio - 1.0)
 
 
-def _number_column(name: str, key: Any, spec: str = RATIO_FORMAT) -> Column:
-    return Column(name, format=spec, value=lambda row: number(row, key))
+def ratio_column(
+    name: str,
+    key: Any = None,
+    ends: tuple[Any, Any] = (None, None),
+    *,
+    verdict: Any = None,
+    color: Any = None,
+    is_chart: bool = False,
+) -> Column:
+    """Return a column of ratios to the VJM's error.
 
-
-def _ratio_column(name: str, key: Any, verdict: Any = None) -> Column:
-    """Return a column of ratios to the VJM's error, in colours on a page; noise has none."""
+    Args:
+        name: heading.
+        key: key of the ratio in a row; None: the interval stands alone.
+        ends: keys of the interval's ends.
+        verdict: key of the verdict that is printed next to the ratio.
+        color: key of the ratio that colours the cell on a page; None: no colour.
+        is_chart: True if a page shows the cells as a chart.
+    """
 
     def value(row: Row) -> Entry:
-        if (ratio := number(row, key)) is None:
+        ratio, low, high = (number(row, of) for of in (key, *ends))
+        if ratio is None and None in (low, high):
             return None
         status = VERDICT_TEXTS.get(row.get(verdict), "")
-        return Quantity(ratio, status=status, ratio=None if key == "noise" else ratio)
+        return Quantity(ratio, low=low, high=high, status=status, ratio=number(row, color))
 
-    return Column(name, format=RATIO_FORMAT, value=value)
+    return Column(name, format=RATIO_FORMAT, is_chart=is_chart, value=value)
 
 
 def _won(row: Row) -> Quantity | None:
@@ -98,17 +115,13 @@ def _worst(row: Row) -> Quantity | None:
     return None if worst is None else Quantity(worst, mark=str(row["worst robot"]))
 
 
-def _interval_column(name: str = INTERVAL, low: str = "low", high: str = "high") -> Column:
-    return Column(name, format=RATIO_FORMAT, value=lambda row: interval(row, low, high))
-
-
 # columns of a model
 
 
 MODEL = Column("model", "text", value=lambda row: Name(row["model"], row["mark"]))
 MODEL_KEY = Column("model", "text")
-RATIO = _number_column("error / VJM's", "ratio")
-RATIO_INTERVAL = replace(_interval_column(), is_chart=True)
+RATIO = ratio_column("error / VJM's", "ratio")
+RATIO_INTERVAL = ratio_column(INTERVAL, ends=("low", "high"), color="ratio", is_chart=True)
 VERDICT = Column("verdict", "text", value=lambda row: row["verdict"] if row["complete"] else None)
 WON = Column("won", value=_won)
 WORST = Column("worst robot", format=lambda worst: worst.text(RATIO_FORMAT), value=_worst)
@@ -126,26 +139,9 @@ LIKE_BEST_TEXT = Column(
     "text",
     value=lambda row: {True: "yes", False: "no"}.get(row["like best"]),
 )
-WITHOUT_ONE = _interval_column("without any one robot", "without low", "without high")
-
-
-def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
-    """Return columns of metrics, grouped by axis; metrics without axes come last.
-
-    A row has its values under (metric key, axis).
-    """
-    return [
-        Column(
-            f"{axis.upper()} {metric.label}".strip(),
-            unit=PRINTED[metric.unit][0],
-            format=number_format(metric),
-            about={"axis": axis, "metric": metric.key},
-            value=methodcaller("get", (metric.key, axis)),
-        )
-        for axis in (*AXES, *WHOLE_VECTOR)
-        for metric in metrics
-        if axis in metric.axes
-    ]
+WITHOUT_ONE = ratio_column(
+    "without any one robot", ends=("without low", "without high"), color="ratio"
+)
 
 
 # models over robots
@@ -201,13 +197,8 @@ def _world_tables(table: DataFrame, rows: Sequence[Row]) -> Iterator[Table]:
     """Yield the table of ratios by world, with intervals and without verdicts."""
 
     def of_world(name: str) -> Column:
-        def value(row: Row) -> Entry:
-            if (ratio := number(row, ("world", name))) is None:
-                return None
-            low, high = (number(row, (f"world {end}", name)) for end in ("low", "high"))
-            return Quantity(ratio, low=low, high=high, ratio=ratio)
-
-        return Column(name, format=RATIO_FORMAT, value=value)
+        key, ends = ("world", name), (("world low", name), ("world high", name))
+        return ratio_column(name, key, ends, color=key)
 
     if names := _names(table, "world"):
         floors = {name: number(rows[0], ("oracle", name)) for name in names}
@@ -257,11 +248,13 @@ def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[st
     if "won" in table:
         columns = [RATIO_INTERVAL, VERDICT, WON, WORST]
         for name in _names(table, "measured"):
-            keys = ("measured", name), ("measured verdict", name)
-            columns.append(_ratio_column(f"{name} (measured)", *keys))
+            key, verdict = ("measured", name), ("measured verdict", name)
+            heading = f"{name} (measured)"
+            columns.append(ratio_column(heading, key, verdict=verdict, color=key))
     else:
         span = f"range over {counted(len(scores.tasks), 'comparison')}"
-        chart = replace(_interval_column(span, "smallest", "largest"), is_chart=True)
+        ends = "smallest", "largest"
+        chart = ratio_column(span, ends=ends, color="ratio", is_chart=True)
         columns = [chart, *map(Column, ("better", "worse", "open"))]
         for row in rows:
             counts = scores.verdict_counts(row["model"])
@@ -285,7 +278,13 @@ def _further_table(table: DataFrame, rows: Sequence[Row]) -> Table:
     }
     return Table.of(
         "Other numbers of the same models, geometric means over robots",
-        [MODEL_KEY, *(_ratio_column(name, key) for key, name in keys.items())],
+        [
+            MODEL_KEY,
+            *(
+                ratio_column(name, key, color=None if key == "noise" else key)
+                for key, name in keys.items()
+            ),
+        ],
         rows,
         [note for note, is_shown in notes.items() if is_shown],
         about={"table": "more"},
@@ -297,7 +296,7 @@ def _control_table(pairs: Sequence[Row]) -> Table:
         "Models against their physics model or teacher",
         [
             *(MODEL_KEY, Column("against", "text", value=itemgetter("control"))),
-            *(_number_column("error ratio", "ratio"), RATIO_INTERVAL),
+            *(ratio_column("error ratio", "ratio"), RATIO_INTERVAL),
             Column("equal", "text", value=lambda row: "yes" if row["equal"] else "no"),
         ],
         pairs,
@@ -486,3 +485,147 @@ def _dataset_rows(scores: Scores, task: ScoredTask, *, has_verdicts: bool) -> It
             "poses": bounds[-1] if len(bounds) > over_splits else None,
             "verdict": "baseline" if is_reference else VERDICT_TEXTS[verdict] or None,
         }
+
+
+# metrics of one data set, like the paper's tables
+
+
+USUAL_METRICS = ("mae", "stde", "me")
+PATH_METRICS = ("norm", "norm-p95", "norm-max", "removed")
+
+
+def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
+    """Return columns of metrics, grouped by axis; metrics without axes come last.
+
+    A row has its values under (metric key, axis).
+    """
+    return [
+        Column(
+            f"{axis.upper()} {metric.label}".strip(),
+            unit=PRINTED[metric.unit][0],
+            format=number_format(metric),
+            about={"axis": axis, "metric": metric.key},
+            value=methodcaller("get", (metric.key, axis)),
+        )
+        for axis in (*AXES, *WHOLE_VECTOR)
+        for metric in metrics
+        if axis in metric.axes
+    ]
+
+
+def metric_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
+    """Return a table per data set, protocol, condition and seed, in the results' order.
+
+    Models on different data, pre-training data, splits or coverage are in separate tables. Without
+    `metrics` the tables show the usual metrics, or the metrics of tool paths.
+    """
+    groups = grouped(
+        results,
+        lambda result: (
+            result.presentation.dataset,
+            result.presentation.protocol,
+            result.cell.condition,
+            result.cell.seed,
+        ),
+    )
+    return [
+        _table(dict(models), tuple(metrics))
+        for group in groups.values()
+        for models in grouped(
+            grouped(group, lambda result: result.presentation.model).items(),
+            lambda model: _tested_on(model[1]),
+        ).values()
+    ]
+
+
+def _tested_on(results: Sequence[CellResult]) -> frozenset[object]:
+    """Return the set of data and split hashes that models in one table share."""
+    identity = attrgetter("data_sha256", "source_sha256", "split_sha256", "coverage")
+    return frozenset(identity(result.cell) for result in results)
+
+
+def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -> Table:
+    group = list(chain.from_iterable(by_model.values()))
+    cell, presentation = group[0].cell, group[0].presentation
+    usual = PATH_METRICS if presentation.measured_sha256 else USUAL_METRICS
+    metrics = metrics or tuple(METRICS[key] for key in usual)
+    extra = {
+        name: results
+        for name in (REFERENCE_MODEL, *BOUND_NAMES.values())
+        if name not in by_model and (results := bound_results(by_model.values(), name))
+    }
+    reference = {name: extra.pop(name) for name in [REFERENCE_MODEL] if name in extra}
+    by_model = reference | by_model | extra  # known bounds of a simulation come last
+    warned = presentation.selects_on_test or presentation.reports_training
+    notes = [*presentation.caveats, *size_notes(group), *([presentation.warning] * warned)]
+    for results in by_model.values():
+        notes += outcome_notes(results)
+    notes += failure_lines(group)
+    published = {}
+    if presentation.published and not cell.condition:
+        keys = {metric.key for metric in metrics}
+        published = {
+            method: values
+            for method, values in published_errors(presentation.published).items()
+            if any(key in keys for key, _ in values)
+        }
+    notes += [f"[{MARK}]: {NOTE}."] if published else []
+    n_splits = len({result.cell.split_index for result in group})
+    facts: dict[str, Entry] = {
+        **{"dataset": presentation.dataset, "kind": presentation.kind},
+        **{"protocol": presentation.protocol, "condition": cell.condition},
+        **{"splits": n_splits, "seed": cell.seed, "source": "ours"},
+    }
+    rows = [
+        {"model": name, **facts, **values}
+        for name, values in (_model_values(model, of, metrics) for model, of in by_model.items())
+        if values or name.text not in extra  # bounds have no costs and intervals
+    ]
+    of_others = {**dict.fromkeys(facts), "source": MARK}
+    rows += [
+        {"model": Name(method, MARK), **of_others, **values} for method, values in published.items()
+    ]
+    return Table.of(
+        _title(group[0], n_splits, metrics),
+        [
+            Column("model", "text"),
+            *(Column(name, "text", hidden=True) for name in facts),
+            *metric_columns(metrics),
+        ],
+        rows,
+        notes=notes,
+        details=[note for results in by_model.values() for note in number_notes(results)],
+        unit=PRINTED["m"][0],
+        about={} if cell.coverage is None else {"nominal_coverage": cell.coverage},
+    )
+
+
+def _model_values(
+    model: str, results: Sequence[CellResult], metrics: Sequence[Metric]
+) -> tuple[Name, dict[tuple[str, str], Quantity]]:
+    """Return a model with its values; without values if a fit failed or was skipped."""
+    statuses = [result.status for result in results]
+    if failed := statuses.count("failed"):
+        return Name(model, f"FAILED in {failed} of {len(results)} splits"), {}
+    if "skipped" in statuses:
+        return Name(model, "SKIPPED"), {}
+    return Name(model, mark_of(results[0].presentation)), metric_values(results, metrics)
+
+
+def setting(presentation: Presentation, condition: str, n_splits: int, seed: int) -> str:
+    """Return data set, protocol, condition, splits and seed for a title."""
+    data = f"{presentation.dataset} ({presentation.kind})"
+    protocol = " | ".join(filter(None, (presentation.protocol, condition)))
+    return f"{data} | {protocol}, {counted(n_splits, 'split')}, seed {seed}"
+
+
+def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:
+    """Return the setting, unit and nominal coverage in one line."""
+    cell, presentation = first.cell, first.presentation
+    spread = ", mean ± standard deviation over splits" if n_splits > 1 else ""
+    if presentation.pooled:
+        spread = " over the predictions of all splits"
+    units = " and ".join(filter(None, dict.fromkeys(PRINTED[metric.unit][0] for metric in metrics)))
+    intervals = "" if cell.coverage is None else f" | {percent(cell.coverage)} intervals"
+    of_fits = setting(presentation, cell.condition, n_splits, cell.seed)
+    return f"{of_fits} | {units}{spread}{intervals}"

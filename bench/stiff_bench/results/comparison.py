@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from stiff_bench.results.columns import signed_percent
+from stiff_bench.results.columns import setting, signed_percent
 from stiff_bench.results.load import StoredResults, Task
-from stiff_bench.results.metric_tables import setting
 from stiff_bench.results.notes import (
     TRAINING_MARK,
     caveats_of,
@@ -32,10 +31,8 @@ from stiff_bench.results.significance import (
     Question,
     Verdict,
     decide,
-    disagreement,
     estimates,
 )
-from stiff_bench.results.summary import DISAGREEMENTS
 from stiff_bench.store.names import label_parts, labels, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.table import SCREEN, Column, Name, Quantity, Table, text_columns
@@ -66,6 +63,11 @@ THESE_FITS = (
     "these fits: one split or pooled splits do not show how results vary with the training "
     "samples; repeated-holdout with --splits 5 does."
 )
+DISAGREEMENTS = {
+    (True, False): "The splits agree on it, but a few poses could turn it: measure more poses.",
+    (False, True): "The poses agree on it, but it changes from split to split: use more --splits.",
+}
+"""Advice on an open verdict, by whether the intervals over splits and over poses exclude zero."""
 OTHER_MODELS = "leaderboard and report correct p for all pairs of models; here it is not corrected."
 Row = dict[str, Any]
 
@@ -120,8 +122,8 @@ class Comparison:
         fits = "these fits" if len(of_methods) == 1 else ""
         texts = (row["protocol"], row["condition"], counted(row["splits"], "split"), fits)
         over = next(method for method, of in of_methods.items() if of is estimate)
-        is_doubtful = row["verdict"] == "open" and len(of_methods) > 1
-        advice = DISAGREEMENTS[disagreement(*of_methods.values())] if is_doubtful else ""
+        sure = tuple(of.low > 0.0 or of.high < 0.0 for of in of_methods.values())
+        advice = DISAGREEMENTS.get(sure, "") if row["verdict"] == "open" else ""
         sign = -1 if row["verdict"] == "a" else 1
         low, high = sorted((sign * MM * estimate.low, sign * MM * estimate.high))
         amount = f"of {a} minus {b} {row['A - B']:.3f} mm"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -110,8 +111,10 @@ def mean_over(values: Sequence[float], mark: str = "") -> Quantity:
     return Quantity(float(np.mean(values)), spread, n=len(values), mark=mark)
 
 
-def metric_lines(prediction: Prediction, cost: Cost | None = None) -> list[dict[str, object]]:
-    """Return all metrics as lines of tidy data, in printed units."""
+def metric_lines(prediction: Prediction | None, cost: Cost | None = None) -> list[dict[str, Any]]:
+    """Return all metrics as lines of tidy data, in printed units; none without a prediction."""
+    if prediction is None:
+        return []
     return [
         {
             "metric": metric.key,

@@ -40,24 +40,6 @@ from stiff_protocols.contract.record import CellResult
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SEED_OPTIONS = ("pretrain_seed",)
-"""Options of models that only repeat a training with another seed."""
-
-
-@dataclass(frozen=True)
-class Leaderboard:
-    """Scores of tasks that fit in one table.
-
-    Attributes:
-        scores: scores of the fairest protocols.
-        notes: notes on results that do not count.
-        provenance: versions of stiffbench that made the results.
-    """
-
-    scores: Scores
-    notes: tuple[str, ...]
-    provenance: str
-
 
 def merge_training_seeds(stored: StoredResults) -> StoredResults:
     """Return results in which the repeats of a model's training have one name.
@@ -81,13 +63,15 @@ def merge_training_seeds(stored: StoredResults) -> StoredResults:
 
 
 def _without_seed(model: str) -> str:
-    return without_options(model, *SEED_OPTIONS)
+    return without_options(model, "pretrain_seed")
 
 
-def build_leaderboard(
+def comparable_scores(
     stored: StoredResults, key: SortKey, selection: Selection = EVERYTHING, *, seed: int = 0
-) -> Leaderboard:
+) -> tuple[Scores, list[str]]:
     """Score the selected models, and the VJM, in every task of at least two of them.
+
+    Only tasks of the fairest protocols count. Notes tell which results do not count.
 
     Raises:
         ConfigError: a name has no results, no task has two models, or no model has a score.
@@ -122,18 +106,22 @@ def build_leaderboard(
     scored = {task.name for task in scores.tasks}
     if without := [task for task in comparable if task.name not in scored]:
         notes.append(f"Left out ({SELECTION_MARK}, or no model has a score): {_places(without)}.")
-    results = (of_model for task in scores.tasks for of_model in task.results.values())
-    counts = Counter(result.run_id for of_model in results for result in of_model)
-    return Leaderboard(scores, tuple(notes), sources(stored.folder, stored.runs, counts))
+    return scores, notes
 
 
 def _places(tasks: Sequence[Task]) -> str:
     return first_few([*labels(task.name for task in tasks).values()])
 
 
-def leaderboard_tables(board: Leaderboard) -> list[Table]:
-    """Return the tables per protocol and condition: over robots, or per data set."""
-    tables, has_datasets, scores = list[Table](), False, board.scores
+def leaderboard_tables(
+    stored: StoredResults, key: SortKey, selection: Selection = EVERYTHING, *, seed: int = 0
+) -> list[Table]:
+    """Return the tables per protocol and condition: over robots, or per data set.
+
+    Errors as `comparable_scores`.
+    """
+    tables, has_datasets = list[Table](), False
+    scores, notes_left_out = comparable_scores(stored, key, selection, seed=seed)
     plans = grouped(scores.tasks, lambda task: (task.name.protocol, task.name.condition))
     for plan, tasks in plans.items():
         of_tasks = scores.over(tasks)
@@ -151,9 +139,11 @@ def leaderboard_tables(board: Leaderboard) -> list[Table]:
     cut = [task for task in scores.tasks if task.left_out]
     for text, tasks in grouped(cut, lambda task: task.left_out).items():
         notes.append(f"{_places([task.task for task in tasks])}: {text}.")
-    notes += [*board.notes, *tables[0].notes]
-    tables[0] = replace(tables[0], notes=notes)
-    tables[-1] = replace(tables[-1], notes=[*tables[-1].notes, board.provenance])
+    tables[0] = replace(tables[0], notes=[*notes, *notes_left_out, *tables[0].notes])
+    results = (of_model for task in scores.tasks for of_model in task.results.values())
+    counts = Counter(result.run_id for of_model in results for result in of_model)
+    provenance = sources(stored.folder, stored.runs, counts)
+    tables[-1] = replace(tables[-1], notes=[*tables[-1].notes, provenance])
     return tables
 
 

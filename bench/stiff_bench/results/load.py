@@ -56,11 +56,6 @@ class ModelResults(BriefFields):
     n_requested: int
 
     @property
-    def name(self) -> str:
-        """Key with the options that differ from their defaults."""
-        return self.presentation.model
-
-    @property
     def cell(self) -> Cell:
         """Return any of its fits; all have the same model options."""
         return next(iter([*self.done.values(), *self.failures.values()])).cell

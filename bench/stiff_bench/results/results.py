@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from stiff_bench.parameter_types import AxisName, Bounds, Form, Fraction, Seed
-from stiff_bench.results.columns import matrix_table, model_table, task_table
+from stiff_bench.results.columns import matrix_table, metric_tables, model_table, task_table
 from stiff_bench.results.comparison import compare_models
-from stiff_bench.results.leaderboard import build_leaderboard, leaderboard_tables
+from stiff_bench.results.fit_values import metric_lines
+from stiff_bench.results.leaderboard import leaderboard_tables
 from stiff_bench.results.load import StoredResults, newest_tasks
-from stiff_bench.results.metric_tables import metric_tables
 from stiff_bench.results.notes import (
     caveats_of,
     failure_lines,
@@ -29,20 +29,18 @@ from stiff_bench.results.scores import Scores, model_frame
 from stiff_bench.results.selection import EVERYTHING, Selection
 from stiff_bench.results.significance import Question
 from stiff_bench.results.summary import elsewhere_notes, summarize, task_headline, task_title
-from stiff_bench.tables.units import MM, PRINTED, first_few
+from stiff_bench.tables.units import MM, first_few
 from stiff_bench.tables.writers import Tables, Text
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StiffBenchWarning
 from stiff_protocols.contract.record import CellResult
 from stiff_protocols.contract.types import AXES
-from stiff_protocols.scoring.metrics import METRICS, metric
+from stiff_protocols.scoring.metrics import metric
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from stiff_bench.run.runner import Finished
 
-RESULTS = Path("results/runs")
-"""Default folder of results for `bench run` and for the commands that read results."""
 UNIT_WORDS = {"%": "percent", "1/s": "per_s"}
 """Units as parts of a column's name."""
 
@@ -140,11 +138,36 @@ class Results:
         notes = same_name_other_data(tasks, self.stored.data_of, outcome)
         for note in (*notes, *left_out_notes(tasks)):
             warnings.warn(note, StiffBenchWarning, stacklevel=2)
-        return fit_frame(self._current_fits, lambda sha256: self.stored.data_of(sha256).robot.name)
+        from pandas import DataFrame  # slow, and a single task needs no frame
+
+        rows = []
+        for result in self._current_fits:
+            robot = self.stored.data_of(result.cell.data_sha256).robot.name
+            facts = {"robot": robot, "status": result.status, "failure": result.failure}
+            row = {**identity_of(result), **facts}
+            for line in metric_lines(result.prediction, result.cost):
+                unit = UNIT_WORDS.get(line["unit"], line["unit"])
+                words = (line["metric"].replace("-", "_"), line["axis"], unit)
+                row["_".join(filter(None, words))] = line["value"]
+            rows.append(row)
+        return DataFrame(rows)
 
     def predictions(self) -> DataFrame:
         """Return a row per test sample of the fits of `frame`: measured and predicted, mm."""
-        return prediction_frame(self._current_fits)
+        from pandas import DataFrame, concat
+
+        parts = []
+        for result in self._current_fits:
+            if (prediction := result.prediction) is None:
+                continue
+            arrays = {"": prediction.measured, "_predicted": prediction.predicted}
+            columns = {
+                f"d{axis}{name}_mm": MM * array[:, number]
+                for name, array in arrays.items()
+                for number, axis in enumerate(AXES)
+            }
+            parts.append(DataFrame({**identity_of(result), "row": prediction.rows, **columns}))
+        return concat(parts, ignore_index=True) if parts else DataFrame()
 
     def diagnostics(self) -> DataFrame:
         """Return a row per number that a fit of `frame` reported, such as a stiffness."""
@@ -283,9 +306,9 @@ class Results:
             StoreError: the folder has no results, or corrupt ones.
         """
         key = sort_key(metric, axis)
-        board = build_leaderboard(self.stored, key, self.selection, seed=seed)
+        tables = leaderboard_tables(self.stored, key, self.selection, seed=seed)
         about = {"sort_key": key.text, "direction": key.metric.direction}
-        return Tables(leaderboard_tables(board), self.command, about=about)
+        return Tables(tables, self.command, about=about)
 
     def __getitem__(self, model: str) -> Results:
         """Return the results of one model, or of all variants of a key.
@@ -335,45 +358,3 @@ def identity_of(result: CellResult) -> dict[str, Any]:
         "data_sha256": cell.data_sha256,
         "run": result.run_id,
     }
-
-
-def fit_frame(results: Iterable[CellResult], robot_of: Callable[[str], str]) -> DataFrame:
-    """Return a row per fit: identity, status, all metrics and costs in printed units.
-
-    The unit ends the name of a column: `norm_mm`, `mae_x_mm`, `removed_percent`, `fit_time_ms`.
-
-    Args:
-        results: fits; a failed one has its reason and no values.
-        robot_of: function that returns the robot's name for the hash of a data set.
-    """
-    from pandas import DataFrame  # slow, and a single task needs no frame
-
-    rows = []
-    for result in results:
-        row = identity_of(result) | {"robot": robot_of(result.cell.data_sha256)}
-        row |= {"status": result.status, "failure": result.failure}
-        for item in METRICS.values():
-            unit, factor = PRINTED[item.unit]
-            for axis, value in item.of_result(result).items():
-                words = (item.key.replace("-", "_"), axis, UNIT_WORDS.get(unit, unit))
-                row["_".join(filter(None, words))] = factor * value
-        rows.append(row)
-    return DataFrame(rows)
-
-
-def prediction_frame(results: Iterable[CellResult]) -> DataFrame:
-    """Return a row per test sample: identity, row, measured and predicted deflection, mm."""
-    from pandas import DataFrame, concat  # slow, and a single task needs no frame
-
-    parts = []
-    for result in results:
-        if (prediction := result.prediction) is None:
-            continue
-        arrays = {"": prediction.measured, "_predicted": prediction.predicted}
-        columns = {
-            f"d{axis}{name}_mm": MM * array[:, number]
-            for name, array in arrays.items()
-            for number, axis in enumerate(AXES)
-        }
-        parts.append(DataFrame({**identity_of(result), "row": prediction.rows, **columns}))
-    return concat(parts, ignore_index=True) if parts else DataFrame()

@@ -1,6 +1,6 @@
 """Score the models of a task, and compare pairs of them.
 
-Leaderboard and report page take verdicts from `ScoredTask.verdicts`.
+Leaderboard and report page take verdicts from `ScoredTask.verdict`.
 """
 
 from __future__ import annotations
@@ -204,24 +204,18 @@ class ScoredTask(BriefFields):
         """Return (m, m) p-values of all pairs of `models`, corrected for all pairs."""
         return corrected_p_values(self.errors)
 
-    def verdicts(self, pairs: Sequence[tuple[str, str]]) -> list[Verdict] | None:
-        """Return the verdicts on pairs of ranked models, corrected for all pairs.
+    def verdict(self, model: str, reference: str = REFERENCE_MODEL) -> Verdict | None:
+        """Return the verdict on a model ("a") and a reference ("b"), corrected for all pairs.
 
         None: no test applies. Differences in m up to `ROPE_M` are ignored.
         """
-        if self.key.is_cost or self._p_values is None:
-            return None
-        place = {model: column for column, model in enumerate(self.models)}
-        columns = [(place[a], place[b]) for a, b in pairs]
-        p_values = [float(self._p_values[of_pair]) for of_pair in columns]
-        question = Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
-        return decide_pairs(self.errors, columns, question, p_values)
-
-    def verdict(self, model: str, reference: str = REFERENCE_MODEL) -> Verdict | None:
-        """Return the verdict on a model ("a") and a reference ("b"); None: no test applies."""
         if model == reference or not {model, reference} <= self.scores.keys():
             return None
-        verdicts = self.verdicts([(model, reference)])
+        if self.key.is_cost or (p_values := self._p_values) is None:
+            return None
+        pair = self.models.index(model), self.models.index(reference)
+        question = Question(ROPE_M if self.key.metric.unit == "m" else 0.0)
+        verdicts = decide_pairs(self.errors, [pair], question, [float(p_values[pair])])
         return None if verdicts is None else verdicts[0]
 
     def estimates(self, model: str, reference: str = REFERENCE_MODEL) -> list[Estimate]:
@@ -279,11 +273,9 @@ class ScoredTask(BriefFields):
     def like_best(self) -> set[str]:
         """Return the models that are not clearly worse than the best; none if no test applies."""
         best = self.best()
-        rivals = [model for model in self.models if model != best]
-        verdicts = self.verdicts([(best, model) for model in rivals])
-        if verdicts is None:
+        if self.key.is_cost or self._p_values is None:
             return set()
-        return {best} | {m for m, verdict in zip(rivals, verdicts, strict=True) if verdict != "a"}
+        return {best} | {model for model in self.models if self.verdict(best, model) != "a"}
 
     def status(self, model: str) -> str:
         """Return a short reason for a missing score, such as "FAILED"; "" if there is one."""

@@ -61,11 +61,6 @@ class Estimate:
     p_value: float
     posterior: Posterior
 
-    @property
-    def excludes_zero(self) -> bool:
-        """Return True if the interval excludes zero."""
-        return self.low > 0.0 or self.high < 0.0
-
 
 def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     """Return the verdict on a difference, A minus B.
@@ -80,14 +75,6 @@ def decide(results: Sequence[Estimate], confidence: float) -> Verdict:
     if all(result.high < 0.0 for result in results):
         return "a"
     return "b" if all(result.low > 0.0 for result in results) else "open"
-
-
-def disagreement(splits: Estimate, poses: Estimate) -> Literal["", "splits", "poses"]:
-    """Return the only one of two intervals that excludes zero; else ""."""
-    is_sure = [splits.excludes_zero, poses.excludes_zero]
-    if is_sure == [True, False]:
-        return "splits"
-    return "poses" if is_sure == [False, True] else ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

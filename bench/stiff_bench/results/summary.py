@@ -36,11 +36,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Row = Mapping[Any, Any]
-DISAGREEMENTS = {
-    "": "",
-    "splits": "The splits agree on it, but a few poses could turn it: measure more poses.",
-    "poses": "The poses agree on it, but it changes from split to split: use more --splits.",
-}
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from stiff_bench.store.samples import load_torque
-from stiff_bench.tables.table import Column, Entry, Quantity, Table
-from stiff_bench.tables.units import MM
+from stiff_bench.tables.table import Column, Entry, Quantity, Table, text_columns
+from stiff_bench.tables.units import MM, first_few
 from stiff_bench.tables.writers import plain_text
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo
@@ -59,17 +59,16 @@ def _counts(data: BenchmarkData) -> Table:
     loads = np.unique(samples.pose_id, return_counts=True)[1]
     names, first, counts = np.unique(samples.group, return_index=True, return_counts=True)
     groups = [f"{names[i]} ({counts[i]})" for i in np.argsort(first)]
-    more = f" and {len(groups) - MOST_GROUPS} more" if len(groups) > MOST_GROUPS else ""
     least, most = int(loads.min()), int(loads.max())
     rows: list[list[Entry]] = [
         ["robot", data.robot.joints_text],
         ["samples", len(samples)],
         ["poses", len(loads)],
         ["loads per pose", least if least == most else Quantity(low=least, high=most)],
-        ["groups", ", ".join(groups[:MOST_GROUPS]) + more],
+        ["groups", first_few(groups, MOST_GROUPS)],
         ["sha256", data.sha256],
     ]
-    return Table("", [Column("data set", "text"), Column("", "text")], rows)
+    return Table("", text_columns("data set", ""), rows)
 
 
 def _sizes(data: BenchmarkData) -> Table:
@@ -104,7 +103,7 @@ def _lie(data: BenchmarkData) -> Table:
         has_mean = are_directions and n_axes > 0
         mean = float(np.linalg.norm(vectors.mean(axis=0))) if has_mean else None
         rows.append([name, lie, " / ".join(f"{share:.2f}" for share in shares), mean])
-    texts = [Column(name, "text") for name in ("loads", "spread", "principal axes")]
+    texts = text_columns("loads", "spread", "principal axes")
     note = (
         "Principal axes: shares of the squared length; the spread ignores shares below "
         f"{COUNTING_SHARE:g}. Mean direction: 1 is one direction, 0.5 half a sphere, 0 uniform."
@@ -134,9 +133,7 @@ def _joints(data: BenchmarkData) -> Table:
     torques = [Column(name, format=".4g") for name in ("load torque", "gravity torque")]
     missing = "" if weights is not None else " The robot has no masses, hence no gravity torques."
     note = f"Torques on the joints, of the load (J^T w) and of the links' weight.{missing}"
-    return Table(
-        "", [Column("joint", "text"), Column("units", "text"), *positions, *torques], rows, [note]
-    )
+    return Table("", [*text_columns("joint", "units"), *positions, *torques], rows, [note])
 
 
 def _range(values: FloatArray) -> Quantity:
@@ -157,11 +154,8 @@ def dataset_info(info: DatasetInfo, data: BenchmarkData, picture: Path, options:
     if info.reference:
         lines.append(f"reference: {info.reference}")
     lines += [f"caveat: {caveat}" for caveat in info.caveats]
-    parts = [
-        "\n".join(lines),
-        *map(plain_text, facts(data)),
-    ]
-    return "\n\n".join([*parts, f"picture: {picture}"])
+    tables = map(plain_text, facts(data))
+    return "\n\n".join(["\n".join(lines), *tables, f"picture: {picture}"])
 
 
 def card_text(key: str, card: str) -> str:

@@ -27,25 +27,10 @@ def about_table(table: str) -> dict[str, Any]:
 
 
 def published_errors(table: str) -> dict[str, dict[tuple[str, str], float]]:
-    """Return a published error table in mm, by method and (metric key, axis)."""
+    """Return the numbers of a published table by column and (metric key, axis); errors in mm."""
     lines = published_lines(table)
     return {
         method: {(line["error"], line["axis"]): float(line[method]) for line in lines}
         for method in lines[0]
         if method not in ("axis", "error")
-    }
-
-
-def published_stiffness() -> dict[str, float]:
-    """Return the paper's joint stiffnesses (its Table 3) by joint, N m/rad."""
-    return {
-        line["joint"]: float(line["stiffness_Nm_per_rad"]) for line in published_lines("table_3")
-    }
-
-
-def claimed_reductions() -> dict[tuple[str, str], float]:
-    """Return the published error reductions of FT-MLP against the VJM, %."""
-    return {
-        (line["error"], line["axis"]): float(line["reduction_percent"])
-        for line in published_lines("claimed_reductions")
     }

@@ -141,8 +141,6 @@ VALUE_FIELDS = (
 MOST_NOTES = 4
 BEST_MARK = "*"
 """Mark of the best number of a column."""
-WRITTEN = ("github", "latex", "html", "json")
-"""Formats of long tables: all except terminal and csv."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -25,10 +25,14 @@ ONE_LINE = 10
 GAP = 2
 
 
-def screen_console(width: int | None = None, *, colors: bool | None = None) -> Console:
-    """Return a console that keeps its text for `screen_of`.
+def screen_text(
+    tables: Sequence[Table], *, text: str = "", width: int | None = None, colors: bool | None = None
+) -> str:
+    """Return tables for a terminal, below a `text`.
 
     Args:
+        tables: tables in their order.
+        text: paragraph above the tables.
         width: width in characters; None: width of the terminal.
         colors: True for colours; None: as the terminal of standard output supports.
     """
@@ -44,26 +48,15 @@ def screen_console(width: int | None = None, *, colors: bool | None = None) -> C
     )
     usual = console.width if console.is_terminal else USUAL_WIDTH
     console.width = max(width or usual, SMALLEST_WIDTH)
-    console.begin_capture()
-    return console
-
-
-def screen_text(tables: Sequence[Table], *, text: str = "", console: Console | None = None) -> str:
-    """Return tables for a terminal, below a `text`."""
-    console = console or screen_console()
-    if text:
-        print_lines(console, text, style="bold")
-        console.print()
-    for number, table in enumerate(tables):
-        if number:
+    with console.capture() as capture:
+        if text:
+            print_lines(console, text, style="bold")
             console.print()
-        print_table(console, table.visible_table())
-    return screen_of(console)
-
-
-def screen_of(console: Console) -> str:
-    """Return the text printed on a console of `screen_console`."""
-    return "\n".join(line.rstrip() for line in console.end_capture().rstrip("\n").split("\n"))
+        for number, table in enumerate(tables):
+            if number:
+                console.print()
+            print_table(console, table.visible_table())
+    return "\n".join(line.rstrip() for line in capture.get().rstrip("\n").split("\n"))
 
 
 def print_lines(console: Console, text: str, style: str = "") -> None:

@@ -19,7 +19,7 @@ from tabulate import tabulate
 from stiff_bench.console import one_line, printable, wrapped_lines
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import SCREEN, VALUE_FIELDS, Column, Entry, Table
-from stiff_bench.tables.terminal import screen_console, screen_text
+from stiff_bench.tables.terminal import screen_text
 from stiff_protocols.contract.screen import WIDTH, html_block
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def plain_text(table: Table) -> str:
     """Return headings and cells in columns, then the notes, without the title."""
     if sys.stdout.isatty():  # fits its width
         untitled = replace(table, title="")
-        return screen_text([untitled], console=screen_console(colors=False)).strip("\n")
+        return screen_text([untitled], colors=False).strip("\n")
     return "\n".join([_columns(table, "simple", one_line), *table.notes])
 
 
@@ -301,8 +301,8 @@ class Tables:
 
     def __repr__(self) -> str:
         """Return the tables for a terminal."""
-        console = screen_console(WIDTH, colors=False)
-        return screen_text(of_format(self.tables, SCREEN), text=self.text, console=console)
+        tables = of_format(self.tables, SCREEN)
+        return screen_text(tables, text=self.text, width=WIDTH, colors=False)
 
     def _repr_html_(self) -> str:
         return html_block(render(self.tables, "html", "", text=self.text))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
+from types import SimpleNamespace
 
 import pytest
 
 from helpers.figure_results import with_fields
 from helpers.made_results import GOOD, TWINS, MadeResults, forget
 from stiff_bench.results.leaderboard import (
-    Leaderboard,
     StudyLeaderboard,
-    build_leaderboard,
+    comparable_scores,
     leaderboard_tables,
 )
 from stiff_bench.results.load import StoredResults
@@ -25,24 +25,27 @@ from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.record import Cost
 
 
-def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **chosen) -> Leaderboard:
+def board_of(made: MadeResults, *models: str, metric="norm", axis=None, **chosen):
+    """Return the scores, the notes on what does not count, and the tables."""
     stored = StoredResults.read(made.folder)
     selection = Selection(models, **{name: tuple(words) for name, words in chosen.items()})
-    return build_leaderboard(stored, sort_key(metric, axis), selection)
+    request = stored, sort_key(metric, axis), selection
+    scores, notes = comparable_scores(*request)
+    return SimpleNamespace(scores=scores, notes=notes, tables=leaderboard_tables(*request))
 
 
-def text_of(board: Leaderboard, fmt: str = "github") -> str:
-    return render(leaderboard_tables(board), fmt, "bench leaderboard")
+def text_of(board, fmt: str = "github") -> str:
+    return render(board.tables, fmt, "bench leaderboard")
 
 
-def cells(board: Leaderboard, title: str) -> dict[str, list[str]]:
+def cells(board, title: str) -> dict[str, list[str]]:
     """Return the cells of each row of a table, by the start of its title."""
     table = text_of(board).split(f"**{title}")[1].split("\n**")[0]
     lines = [line.strip("|").split("|") for line in table.splitlines() if line.startswith("|")]
     return {name.strip(): [cell.strip() for cell in row_cells] for name, *row_cells in lines[2:]}
 
 
-def order(board: Leaderboard) -> list[str]:
+def order(board) -> list[str]:
     """Return the models with a score without the VJM, best first."""
     return [name for name in model_frame(board.scores)["model"] if name != "vjm"]
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiff_bench.results.metric_tables import metric_tables
+from stiff_bench.results.columns import metric_tables
 from stiff_bench.tables.table import Quantity, Table
 from stiff_bench.tables.writers import render
 from stiff_protocols.contract.record import CellResult, Cost

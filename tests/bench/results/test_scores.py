@@ -79,12 +79,6 @@ def test_verdicts_are_counted_by_task(made):
     assert net[3:6] == ["1", "1", "1"]
 
 
-def test_the_verdict_on_a_pair_is_the_mirror_image_of_the_pair_turned_round(made):
-    made.add_robot(0, {"net": 0.5, "bad": 1.5})
-    (task,) = made.scores().tasks
-    assert task.verdicts([("net", "bad"), ("bad", "net")]) == ["a", "b"]
-
-
 def test_the_matrix_has_a_row_per_model_and_marks_the_best_of_each_column(made):
     made.add_robot(0, {"net": 0.5})
     made.add_robot(1, {"net": 1.5, "some": 1.1})

@@ -11,7 +11,7 @@ import pytest
 
 from helpers.run_requests import computed, with_model
 from helpers.sealed_samples import Leak, computed_under_seal, with_other_test_deflections
-from stiff_bench.results.metric_tables import metric_tables
+from stiff_bench.results.columns import metric_tables
 from stiff_bench.results.notes import SELECTION_MARK, TRAINING_MARK
 from stiff_bench.tables.writers import render
 from stiff_models.model_catalog import FAMILIES, MODELS, model_info

@@ -9,8 +9,8 @@ import pytest
 
 from helpers.run_requests import computed, planned, with_model
 from stiff_bench.plan.cells import cell_tasks, made_model
+from stiff_bench.results.columns import metric_tables
 from stiff_bench.results.load import StoredResults, newest_tasks
-from stiff_bench.results.metric_tables import metric_tables
 from stiff_bench.results.notes import same_name_other_data
 from stiff_bench.run.cell import Execution, fit_input
 from stiff_bench.run.fit import fit_and_predict

@@ -13,7 +13,7 @@ from stiff_bench.results.columns import task_table
 from stiff_bench.results.scored_task import ScoredTask
 from stiff_bench.results.summary import task_headline
 from stiff_bench.tables.table import SCREEN, Column, Name, Quantity, Table
-from stiff_bench.tables.terminal import screen_console, screen_text
+from stiff_bench.tables.terminal import screen_text
 from stiff_bench.tables.writers import of_format
 from stiffbench import open_results
 
@@ -33,7 +33,7 @@ def only_task(made: MadeResults) -> ScoredTask:
 
 
 def screen_of(table: Table, width: int) -> list[str]:
-    return screen_text([table], console=screen_console(width, colors=False)).splitlines()
+    return screen_text([table], width=width, colors=False).splitlines()
 
 
 def wide_table(n_columns: int) -> Table:
@@ -70,8 +70,8 @@ def test_the_numbers_of_a_column_are_aligned_with_and_without_a_mark():
 def test_colours_are_printed_only_on_request():
     column = Column("change", format="+.0f", is_change=True)
     table = Table("", [Column("model", "text"), column], [["a", -5.0], ["b", 5.0]])
-    coloured = screen_text([table], console=screen_console(80, colors=True))
-    plain = screen_text([table], console=screen_console(80, colors=False))
+    coloured = screen_text([table], width=80, colors=True)
+    plain = screen_text([table], width=80, colors=False)
     assert "\x1b[32m" in coloured and "\x1b[31m" in coloured and "\x1b" not in plain
     assert "+5" in plain and "-5" in plain  # the sign has the same meaning
 
@@ -116,7 +116,7 @@ def test_names_are_not_broken_where_texts_can_be():
 def test_a_comparison_and_its_verdict_are_on_one_line(made, width):
     made.add_each({"vjm": VJM_MM, "net": [0.1, 0.11, 0.09]})
     tables = of_format(open_results(made.folder).compare("net", "vjm").tables, SCREEN)
-    lines = screen_text(tables, console=screen_console(width, colors=False)).splitlines()
+    lines = screen_text(tables, width=width, colors=False).splitlines()
     assert any("A better" in line and "0.100" in line for line in lines)
 
 
