@@ -12,7 +12,7 @@ import pytest
 
 import stiffbench as sb
 from helpers.command_line import bench_here
-from stiff_bench.page.study_page import study_leaderboard
+from stiff_bench.page.study_page import StudyResults
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, TABLES
 from stiff_bench.paper.study_file import find_study
@@ -100,7 +100,7 @@ BOUNDS = {
 
 @pytest.mark.slow
 def test_the_frame_of_models_has_the_numbers_of_the_committed_table(leaderboard_results):
-    board = study_leaderboard(find_study("leaderboard"), leaderboard_results.stored)
+    board = StudyResults(find_study("leaderboard"), leaderboard_results.stored).leaderboard
     models = {row["model"]: row for row in board.board_frame.to_dict("records")}
     committed = pd.read_csv(RESULTS / "leaderboard" / "tables" / "table_leaderboard.csv")
     lines = committed[committed["table"].isin(["board", "worlds", "more", "certainty"])]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffbench as sb
-from stiff_bench.page.study_page import study_leaderboard
+from stiff_bench.page.study_page import StudyResults
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.results.scores import complete_logs
@@ -60,7 +60,7 @@ def test_the_first_table_is_what_its_command_gives():
 @pytest.fixture(scope="module")
 def board():
     stored = PaperResults.of(TOP / "results" / "leaderboard" / "runs")
-    return study_leaderboard(find_study("leaderboard"), stored)
+    return StudyResults(find_study("leaderboard"), stored).leaderboard
 
 
 @pytest.fixture(scope="module")

@@ -131,10 +131,10 @@ class RunAgainst(Run):
 
     def board(self, results: Results) -> Tables | None:
         """Return the study's board of these results; None: no board, or too few robots."""
-        from stiff_bench.page.study_page import study_leaderboard
+        from stiff_bench.page.study_page import StudyResults
 
         try:
-            tables = study_leaderboard(self.study, results.stored).tables
+            tables = StudyResults(self.study, results.stored).leaderboard.tables
         except ConfigError:
             return None
         return Tables(tables, self.plans[0].command)
@@ -292,12 +292,12 @@ class Reproduction(Run):
         from stiff_bench.api.data_sets import load_dataset
         from stiff_bench.api.registered import show
         from stiff_bench.page.site import LeaderboardSite
-        from stiff_bench.page.study_page import study_leaderboard
+        from stiff_bench.page.study_page import StudyResults
 
         plan = self.plans[0]
         command = f"{plan.command} --site {shlex.quote(str(folder))}"
         stored = Results(plan.output).stored
-        board = study_leaderboard(self.study, stored)
+        board = StudyResults(self.study, stored).leaderboard
         return LeaderboardSite(self.study, board, command, load_dataset, show).write(folder)
 
 

@@ -36,30 +36,27 @@ PICTURE_FILES = ("png", "pdf")
 
 @dataclass(frozen=True, eq=False)
 class StudyResults:
-    """A study with its results."""
+    """A study with its results.
+
+    Attributes:
+        study: models, data sets and protocols, and content of the page.
+        stored: results of the study.
+    """
 
     study: Study
-    stored: PaperResults
+    stored: StoredResults
 
     @cached_property
     def leaderboard(self) -> StudyLeaderboard:
         """Return the study's leaderboard; ConfigError if its file has no key `board`."""
-        return study_leaderboard(self.study, self.stored)
+        if self.study.board is None:
+            text = "[board] is missing: it names the protocol of the board"
+            raise ConfigError(f"{self.study.file}: {text}")
+        return StudyLeaderboard(self.stored, self.study.board)
 
 
 Makers = Mapping[str, Callable[[StudyResults], Any]]
 """Name in a study's file -> function of the stored results; numbers are the source paper's."""
-
-
-def study_leaderboard(study: Study, stored: StoredResults) -> StudyLeaderboard:
-    """Return the leaderboard of a study.
-
-    Raises:
-        ConfigError: the study's file has no key `board`.
-    """
-    if study.board is None:
-        raise ConfigError(f"{study.file}: [board] is missing: it names the protocol of the board")
-    return StudyLeaderboard(stored, study.board)
 
 
 def _leaderboard(results: StudyResults) -> list[Table]:
@@ -73,8 +70,8 @@ def _scores(results: StudyResults) -> list[Table]:
     return metric_tables(results.stored.newest_results(), metrics)
 
 
-def _of_paper(make: Callable[[PaperResults], Any], results: StudyResults) -> Any:
-    return make(results.stored)
+def _of_paper(make: Callable[[Any], Any], results: StudyResults) -> Any:
+    return make(results.stored)  # `PaperResults`
 
 
 def _general(make: Callable[[FigureSource], Prepared], results: StudyResults) -> Prepared:

@@ -163,7 +163,7 @@ def board_tables(
     """
     if "won" not in table:
         return []
-    complete = table[table["complete"]].sort_values("ratio", kind="stable")
+    complete = table[table["complete"]]
     rows = complete.to_dict("records")
     notes = [
         f"{INTERVAL} over robots (Student's t of the logarithms); one vote per robot.",

@@ -241,7 +241,7 @@ class StudyLeaderboard:
     @property
     def board_frame(self) -> DataFrame:
         """Return the rows of the board: models with every score, best first."""
-        return self.frame[self.frame["complete"]].sort_values("ratio", kind="stable")
+        return self.frame[self.frame["complete"]]
 
     @cached_property
     def summary(self) -> Summary:

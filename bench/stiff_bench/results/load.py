@@ -157,10 +157,11 @@ class StoredResults(BriefFields):
     def of_results(cls, folder: Path, results: Sequence[CellResult]) -> Self:
         """Sort the given results of a folder into tasks."""
         manifests = tuple(read_manifests(folder))
-        runs = _Runs.of(manifests)
+        in_order = sorted(manifests, key=lambda run: run.run_id)
+        runs = _Runs({key: run.run_id for run in in_order for key in run.cells})
         tasks = [_task(of_task, runs) for of_task in grouped(results, task_name_of).values()]
-        in_order = sorted(tasks, key=lambda task: (task.first_requested, task.name))
-        return cls(folder, tuple(in_order), manifests)
+        tasks.sort(key=lambda task: (task.first_requested, task.name))
+        return cls(folder, tuple(tasks), manifests)
 
     @property
     def every(self) -> tuple[CellResult, ...]:
@@ -204,11 +205,6 @@ class _Runs:
     """The newest run that requested each fit, by the fit's key, in the order of requests."""
 
     newest: Mapping[str, str]
-
-    @classmethod
-    def of(cls, manifests: Iterable[RunManifest]) -> _Runs:
-        in_order = sorted(manifests, key=lambda run: run.run_id)
-        return cls({key: run.run_id for run in in_order for key in run.cells})
 
     @functools.cached_property
     def first_requested(self) -> dict[str, int]:

@@ -308,7 +308,8 @@ def _with_robots(
         {m: equivalence_p_value(logs[m] - logs[best]) < LEVEL for m in means if m != best}
     )
     for reference, suffix in ((REFERENCE_MODEL, ""), (rival, " rival")):
-        p_values = _p_values(logs, reference)
+        differences = {m: logs[m] - logs[reference] for m in means if m != reference}
+        p_values = corrected_p_values(differences)
         verdicts = {reference: "baseline"}
         for name, p_value in p_values.items():
             better = "better" if means[name] < means[reference] else "worse"
@@ -358,11 +359,6 @@ def _with_measured(table: DataFrame, scores: Scores, *, has_verdicts: bool) -> D
             {name: of.pop() if len(of) == 1 else "open" for name, of in verdicts.items()}
         )
     return table
-
-
-def _p_values(logs: DataFrame, rival: str) -> dict[str, float]:
-    """Return sign-flip p-values against a model, corrected (Holm) for all models."""
-    return corrected_p_values({str(m): logs[m] - logs[rival] for m in logs if m != rival})
 
 
 def complete_logs(scores: Scores) -> DataFrame:

@@ -330,15 +330,6 @@ FEW_SPLITS = 5
 """Number of splits below which only very large differences are significant."""
 
 
-def correction_text(tasks: Sequence[ScoredTask]) -> str:
-    """Return a text about the correction of p-values in tasks."""
-    counts = {len(task.models) * (len(task.models) - 1) // 2 for task in tasks}
-    if counts == {1}:
-        return "one pair, p needs no correction"
-    number_text = f"{counts.pop()} " if len(counts) == 1 else ""
-    return f"p corrected by Holm for all {number_text}pairs of models in a comparison"
-
-
 def dataset_notes(scores: Scores, *, has_verdicts: bool = True) -> Iterator[str]:
     """Yield explanations of the marks, and a note if there are few splits.
 
@@ -348,7 +339,11 @@ def dataset_notes(scores: Scores, *, has_verdicts: bool = True) -> Iterator[str]
         yield f"{BEST} best mean."
         return
     if has_verdicts:
-        correction = correction_text(scores.tasks)
+        pairs = {math.comb(len(task.models), 2) for task in scores.tasks}
+        n_pairs = f"{max(pairs)} " * (len(pairs) == 1)
+        correction = f"p corrected by Holm for all {n_pairs}pairs of models in a comparison"
+        if pairs == {1}:
+            correction = "one pair, p needs no correction"
         yield f"{BEST} best mean; {LIKE_BEST} no significant difference from it, {correction}."
     else:
         yield from _exploratory_notes(scores)

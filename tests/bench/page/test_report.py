@@ -138,15 +138,6 @@ def test_figures_are_of_the_selected_results_and_broken_ones_are_left_out(result
     assert drawn_figure.command == f"bench figure scores {options}"
 
 
-def test_protocols_that_select_on_test_are_left_out_of_the_leaderboard_with_a_note(results):
-    for model in ("vjm", "mlp"):
-        results.add(model, [0.1, 0.2], protocol="paper", selects_on_test=True, warning="not fair")
-    tables = parts_of(results.folder)["Leaderboard"].tables
-    notes = [note for table in tables for note in table.notes]
-    assert any(note.startswith("Left out") and "paper" in note for note in notes)
-    assert "not fair" not in notes
-
-
 def test_a_selection_without_results_is_refused(results):
     results.add("vjm", [0.1], "other", "paper")
     with pytest.raises(ConfigError, match="dataset other, protocol holdout"):

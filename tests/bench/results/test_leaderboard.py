@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from types import SimpleNamespace
 
 import pytest
@@ -133,14 +131,6 @@ def test_the_metric_decides_what_is_sorted_and_in_which_direction(made):
     made.add_each({"a": [1.0, 3.0], "b": [4.0, 4.0]}, protocol="leave-one-out", pooled=True)
     (pooled,) = board_of(made, metric="me", axis="z", protocols=["leave-one-out"]).scores.tasks
     assert pooled.scores["a"].tolist() == pytest.approx([3e-3])
-
-
-def test_csv_has_a_line_per_number(made):
-    add_three(made)
-    rows = list(csv.DictReader(io.StringIO(text_of(board_of(made), "csv"))))
-    scores = [float(r["value"]) for r in rows if (r["model"], r["metric"]) == ("a", "norm")]
-    assert scores == pytest.approx([1.0, 1.0, 3.0])
-    assert len({(row["dataset"], row["model"], row["column"]) for row in rows}) == len(rows)
 
 
 def test_splits_that_all_models_have_count_and_there_must_be_one(made):
