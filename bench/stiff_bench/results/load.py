@@ -228,21 +228,20 @@ class _Runs:
 
 
 def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
-    results, left_out = _of_newest_splits(task_results, runs)
+    results, left_out = _of_newest_splits(runs.newest_first(task_results), runs)
     models = {}
     for model, of_model in sorted(grouped(results, lambda r: r.presentation.model).items()):
-        newest_result = runs.newest_first(of_model)[0]
-        current_results, notes = _of_newest_options(of_model, newest_result)
+        current_results, notes = _of_newest_options(of_model)
         left_out += notes
         by_split = {
-            split: _select_result(split_results, runs)
+            split: _select_result(split_results)
             for split, split_results in sorted(grouped(current_results, split_of).items())
         }
         models[model] = ModelResults(
-            presentation=newest_result.presentation,
+            presentation=of_model[0].presentation,
             done={split: result for split, result in by_split.items() if result.status == "ok"},
             failures={split: result for split, result in by_split.items() if result.status != "ok"},
-            n_requested=newest_result.n_splits,
+            n_requested=of_model[0].n_splits,
         )
     splits = {split for model in models.values() for split in (*model.done, *model.failures)}
     order = [runs.first_requested.get(result.cell.key, inf) for result in task_results]
@@ -250,7 +249,7 @@ def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
         name=task_name_of(task_results[0]),
         splits=tuple(sorted(splits)),
         models=models,
-        newest_run=max(map(runs.run_of, results)),
+        newest_run=runs.run_of(results[0]),
         first_requested=min(order),
         left_out=tuple(left_out),
         every=tuple(task_results),
@@ -258,7 +257,7 @@ def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
 
 
 def _of_newest_splits(
-    results: Sequence[CellResult], runs: _Runs
+    newest_first: Sequence[CellResult], runs: _Runs
 ) -> tuple[list[CellResult], list[str]]:
     """Return the results of one task with the newest run's splits, and a note.
 
@@ -266,53 +265,53 @@ def _of_newest_splits(
     protocol). Then the newest run's splits count, with splits of older runs that share some of them
     and contradict none.
     """
-    splits = {*map(split_of, results)}
+    splits = {*map(split_of, newest_first)}
     if len(splits) == len(dict(splits)):
-        return list(results), []
+        return list(newest_first), []
     newest_splits: dict[int, str] = {}
-    for of_run in grouped(runs.newest_first(results), runs.run_of).values():
+    for of_run in grouped(newest_first, runs.run_of).values():
         run_splits = dict(map(split_of, of_run))
         shared = newest_splits.keys() & run_splits.keys()
         if not newest_splits or (
             shared and all(newest_splits[index] == run_splits[index] for index in shared)
         ):
             newest_splits |= run_splits
-    same = [result for result in results if split_of(result) in newest_splits.items()]
-    without = sorted({r.presentation.model for r in results} - {r.presentation.model for r in same})
+    same = [result for result in newest_first if split_of(result) in newest_splits.items()]
+    every_model, models_left = ({r.presentation.model for r in of} for of in (newest_first, same))
+    without = sorted(every_model - models_left)
     models = f" (all of {', '.join(without)})" if without else ""
     return same, [f"older results on other splits than the newest run{models}"]
 
 
 def _of_newest_options(
-    results: Sequence[CellResult], newest: CellResult
+    newest_first: Sequence[CellResult],
 ) -> tuple[list[CellResult], list[str]]:
     """Return a model's results with options and version of its newest one, and a note.
 
     A name contains only the options that differ from their defaults. The same name has other
     options if a default, or a file that an option names, was changed.
     """
-    cell = newest.cell
-    intervals = {0, max(result.cell.interval_version for result in results)}  # 0: no intervals
+    cell = newest_first[0].cell
+    intervals = {0, max(result.cell.interval_version for result in newest_first)}  # 0: none
     same = [
         result
-        for result in results
+        for result in newest_first
         if result.cell.model_version == cell.model_version
         and result.cell.model_params == cell.model_params
         and result.cell.interval_version in intervals
     ]
-    name = newest.presentation.model
+    name = newest_first[0].presentation.model
     notes = [f"older results of {name} with another version or other options"]
-    return same, notes * (len(same) < len(results))
+    return same, notes * (len(same) < len(newest_first))
 
 
-def _select_result(results: Sequence[CellResult], runs: _Runs) -> CellResult:
+def _select_result(newest_first: Sequence[CellResult]) -> CellResult:
     """Return the result to use among a model's results on one split.
 
     It is the newest run's result, also if it failed. A skipped result does not replace a result
     of another machine. The results differ only in their intervals: a result with intervals is
     preferred, then newer intervals.
     """
-    newest_first = runs.newest_first(results)
     tried = [result for result in newest_first if result.status != "skipped"]
     if not tried or tried[0].status != "ok":
         return (tried or newest_first)[0]
