@@ -86,7 +86,7 @@ def ratio_column(
 
     Args:
         name: heading.
-        key: key of the ratio in a row; None: the interval stands alone.
+        key: key of the ratio in a row; None: the cell has only an interval.
         ends: keys of the interval's ends.
         verdict: key of the verdict that is printed next to the ratio.
         color: key of the ratio that colours the cell on a page; None: no colour.

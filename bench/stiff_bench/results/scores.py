@@ -320,7 +320,9 @@ def _with_robots(
     for heading, of_few in few.items():
         further["few", heading] = robot_logs(of_few.rows, "error ratio")
     worlds = [*rows["world"].dropna().unique()]
-    for world in worlds if len(worlds) > 1 else ():
+    if len(worlds) < 2:
+        worlds = []
+    for world in worlds:
         of_world = rows[rows["world"] == world]
         further["world", world] = logs = robot_logs(of_world, "error ratio")
         further["oracle", world] = robot_logs(of_world, "oracle ratio")
@@ -329,14 +331,14 @@ def _with_robots(
         for end in ("low", "high"):
             ends = {name: vars(mean)[end] for name, mean in means_of.items()}
             table[f"world {end}", world] = Series(ends, dtype=float)
-    if len(worlds) > 1:
+    if worlds:
         coverage = rows.groupby(["model", "world"], sort=False)["coverage"].mean().unstack()
         for name, of_few in few.items():
             by_world = of_few.rows.groupby(["model", "world"])["coverage"].mean().unstack()
             coverage[name] = by_world.mean(axis="columns", skipna=False)
         for name, column in coverage.items():
             table["coverage", name] = column
-    if len(worlds) > 1 and CLEAN in worlds:
+    if CLEAN in worlds:
         further["without clean"] = robot_logs(rows[rows["world"] != CLEAN], "error ratio")
     for key, of_robots in further.items():
         table[key] = of_robots.mean(skipna=False).map(math.exp)
