@@ -97,7 +97,8 @@ def test_a_run_may_ask_for_intervals(tmp_path):
     ("name", "n_fits", "n_shared"),
     [
         *(("paper", 494, 25), ("paper-quick", 49, 1)),  # of several tables and figures
-        ("intervals", 270, 0),
+        ("intervals", 234, 0),
+        ("fresh", 720, 0),
     ],
 )
 def test_a_shipped_study_asks_for_its_fits_by_valid_names(name, n_fits, n_shared, plans):
