@@ -34,6 +34,7 @@ STATEMENT = re.compile(
 )
 POINT = r"@?(PR|P)\s*\[((?:[^\[\]]|\[[^\]]*\])*)\]"
 MOTION = re.compile(rf"(?P<letter>[LJCAS])\s+{POINT}(?:\s*:?\s*{POINT})?(?P<rest>.*)", re.DOTALL)
+ASSIGNED = re.compile(r"(?<!\w)P\s*\[\s*(\d*)(?:[^\[\]]|\[[^\]]*\])*\]\s*=")
 NUMBERED = re.compile(r"\s*(\d+)\s*(?::.*)?", re.DOTALL)
 INDEX = r"\[[^\]]*\]"
 OPTION = re.compile(
@@ -81,7 +82,8 @@ def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
     begin = sections["MN"].end() if "MN" in sections else 0
     end = sections["POS"].start() if "POS" in sections else len(text)
     positions = {int(match[1]): match for match in POSITION.finditer(text, end)}
-    assigned = {int(number) for number in re.findall(r":\s*P\[\s*(\d+)[^\]]*\]\s*=", text[:end])}
+    assigned = {int(number or -1) for number in ASSIGNED.findall(text, 0, end)}
+    assigned = {*positions} if -1 in assigned else assigned
     labels = re.findall(r":\s*LBL\[\s*(\d+)", text[begin:end])
     routine = Routine("", entry="file")
     reader = _Reader(positions, assigned, labels, {name.lower() for name in harmless})
@@ -113,8 +115,8 @@ class _Reader:
         word = re.match(r"\w*", text)[0].upper()  # type: ignore[index]
         if match := MOTION.fullmatch(text):
             yield self._motion(match, start)
-            if label := re.search(r"Skip\s*,\s*LBL\[\s*(\d+)", match["rest"], re.IGNORECASE):
-                yield Jump("branch", label[1])
+            for call in re.findall(r"\bCALL\s+\w+", match["rest"]):
+                yield from self.items(call, start)
         elif re.match(r"(IF\b.*\bTHEN|ELSE|ENDIF|ENDFOR|END|ABORT)\s*$", text, re.DOTALL):
             words = {"END": "return", "ABORT": "return", "ENDFOR": "endloop"}
             yield Jump(words.get(word, word.lower()))
@@ -134,7 +136,7 @@ class _Reader:
             ways = [label[1]] if label else self.labels
             yield from (Jump("branch", way) for way in ways[1:])
             yield from (Jump("goto", way) for way in ways[:1])
-        elif match := re.match(r"U(FRAME|TOOL)_NUM\s*=\s*(\w+)", text):
+        elif match := re.match(r"U(FRAME|TOOL)_NUM\s*=\s*(.*)", text, re.DOTALL):
             side, key = ("frame", "UF") if match[1] == "FRAME" else ("tool", "UT")
             number = match[2] if match[2].isdigit() else None
             frame = _frame(key, match[2]) if number else unknown
@@ -154,6 +156,8 @@ class _Reader:
             or any(text.lower().startswith(name) for name in self.harmless)
         ):
             yield Setting({**dict.fromkeys(("UF*", "UT*", "frame", "tool", "other"), unknown)})
+        if not re.match(r"LBL|JMP|IF|SELECT|ELSE|=", text):
+            yield from (Jump("branch", label) for label in re.findall(r"LBL\[\s*(\d+)", text))
 
     def _motion(self, match: re.Match[str], start: int) -> Motion:
         """Return a motion with its points."""
@@ -191,6 +195,8 @@ class _Reader:
             cause = "assigned in the program" if int(number[1]) in self.assigned else "not in /POS"
             return Goal(reason=f"P[{number[1]}] is {cause}")
         position = self.positions[int(number[1])]
+        if "*" in position["groups"]:
+            return Goal(reason=f"P[{number[1]}] has numbers that are not set")
         text, place = _first_group(position)
         axes = {
             axis[1].upper(): Number(float(axis[2]), place + axis.start(2), place + axis.end(2))
@@ -259,7 +265,7 @@ LANGUAGE = Language(
     metres=1e-3,
     radians=float(np.pi / 180.0),
     n_turns=3,
-    motion=re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*[LJCAS][ \t]+@?PR?[ \t]*\[", re.M),
+    motion=re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*(?:GP\d+\W*)?[LJCAS][ \t]+@?PR?[ \t]*\[", re.M),
     decimals=(3, 5),
     read=read,
     to_rotations=lambda turns: euler_rotations("xyz", turns),

@@ -7,7 +7,7 @@ ways to that place agree; else it is `Unknown` with its cause.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import Any, NamedTuple
@@ -57,6 +57,14 @@ class Call(NamedTuple):
 def called(name: str, is_sure: bool) -> tuple[Any, ...]:
     """Return the items of a call of a routine of this file, or of one that may not happen."""
     return (Call(name),) if is_sure else (Jump("if"), Call(name), Jump("endif"))
+
+
+def headed(word: str, calls: Iterable[Any]) -> Iterator[Any]:
+    """Yield a word of control flow and the calls in its condition, in the order of a run."""
+    items, is_after = [*calls], word in ("loop", "case")
+    yield from () if is_after else items
+    yield Jump(word)
+    yield from (*items, Jump("then")) if is_after and items else ()
 
 
 State = dict[str, Any]
@@ -127,7 +135,7 @@ class _Graph:
             elif word == "label":
                 self._begin(self.now)
                 labels[item.label] = self.now
-            elif word in ("return", "handler"):
+            elif word in ("return", "retry", "handler"):
                 self.ends.append(self.now)
                 self._begin()
                 self.blocks[self.now].is_handler = word == "handler"
@@ -140,6 +148,12 @@ class _Graph:
                 else:
                     self.blocks[self.now].after.append(loop[1])
                 self._begin()
+            elif word == "then" and stack:
+                if stack[-1][0] == "loop":
+                    stack[-1][2].append(self.now)
+                else:
+                    stack[-1][1] = self.now
+                self._begin(self.now)
             elif not stack or (stack[-1][0] == "loop") != (word == "endloop"):
                 self.closes = False
                 return
@@ -169,6 +183,27 @@ class _Graph:
             self.blocks[block].after.append(self.now)
 
 
+def _unsure_values(routines: Mapping[str, Routine]) -> State:
+    """Return the unknown values of what interrupts and handlers that go back set at any time."""
+    queue, names, values = list[Any](), set[str](), State()
+    for routine in routines.values():
+        words = [item.word if isinstance(item, Jump) else "" for item in routine.items]
+        if routine.entry == "interrupt":
+            queue += routine.items
+        elif "retry" in words and "handler" in words:
+            queue += routine.items[words.index("handler") :]
+    for item in queue:
+        if isinstance(item, Call) and item.name not in names:
+            names.add(item.name)
+            queue += routines[item.name].items
+        elif isinstance(item, Setting):
+            for key in item.values.keys() - {LAST}:
+                cause = Unknown(f"{key} is set in a routine that is entered at any time")
+                value = item.values[key]
+                values[key] = value if isinstance(value, Unknown) else cause
+    return values
+
+
 class Flow:
     """Follow routines from their entries; `at` has the state at each reached motion.
 
@@ -176,7 +211,8 @@ class Flow:
     """
 
     def __init__(self, routines: Mapping[str, Routine], start: State) -> None:
-        self.routines, self.start = routines, start
+        self.unsure = _unsure_values(routines)
+        self.routines, self.start = routines, self.apply(Setting(self.unsure), start)
         self.at: dict[Any, State] = {}
         self._graphs = {name: _Graph(routine.items) for name, routine in routines.items()}
         self._results: dict[Any, State | None] = {}
@@ -190,7 +226,7 @@ class Flow:
         lost = lost_state(start, "a routine that is entered at any time")
         for name, routine in routines.items():
             if routine.entry != "called" or name not in called_names:
-                self._run(name, lost if routine.entry == "interrupt" else start)
+                self._run(name, lost if routine.entry == "interrupt" else self.start)
 
     def apply(self, item: Any, state: State) -> State:
         """Return the state after a motion or a setting."""
@@ -203,7 +239,7 @@ class Flow:
                 value = value_of(state, value.key)
             if key.endswith("*"):
                 new = {name: old for name, old in new.items() if not name.startswith(key[:-1])}
-            new[key] = value
+            new[key] = self.unsure.get(key, value)
         return new
 
     def common(self, key: str, first: Any, second: Any) -> Any:

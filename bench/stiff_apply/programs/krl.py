@@ -24,6 +24,7 @@ from stiff_apply.programs.flow import (
     Value,
     call_text,
     called,
+    headed,
     lost_state,
 )
 from stiff_apply.programs.program import NEAR_ZERO, NO_FRAME, Goal, Language, Motion, Reading
@@ -57,8 +58,10 @@ DECLARATION = re.compile(
     r"|E3AXIS|AXIS|FDAT|LDAT|PDAT)\s+(?P<names>[A-Z_$][\w$]*\b.*)",
     re.IGNORECASE,
 )
-MOTION = re.compile(r"(?P<word>S?PTP|S?LIN|S?CIRC|SPL)(?P<rel>_REL)?\b(?!\s*[=(])", re.I)
-APPROXIMATION = re.compile(r"(?:\s+C_(?:DIS|PTP|ORI|VEL|SPL)\b)+\s*$", re.IGNORECASE)
+MOTION = re.compile(r"(?P<word>S?PTP|S?LIN|S?CIRC|SPL)(?P<rel>_REL)?\b(?!\s*=)", re.I)
+WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
+ACTION = re.compile(r"(?:GLOBAL\s+)?(?:INTERRUPT|TRIGGER)\b.*\bDO\s+(?=\S)", re.IGNORECASE)
+APPROXIMATION = re.compile(r"(?:\s*\bC_(?:DIS|PTP|ORI|VEL|SPL)\b)+\s*$", re.IGNORECASE)
 ASSIGNMENT = re.compile(r"(?P<base>\$?\w+)(?P<part>\[[^\]=]*\])?(?P<field>[.\[][\w$.\[\],]*)?\s*=")
 HARMLESS = re.compile(
     r"(?:DEFDAT|ENDDAT|EXT|EXTFCT|EXTP|EXTFCTP|STRUC|ENUM|SIGNAL|IMPORT|WAIT|HALT|CONTINUE|PULSE"
@@ -68,10 +71,11 @@ HARMLESS = re.compile(
     re.IGNORECASE,
 )
 HARMLESS_VARIABLE = re.compile(
-    r"\$(?:VEL|ACC|APO|ORI_TYPE|CIRC_TYPE|ADVANCE|OV_|OUT|ANOUT|TIMER|FLAG|CYCFLAG|BWDSTART|H_POS"
+    r"\$(?:VEL|ACC|APO|ORI_TYPE|CIRC_|COLLMON|TORQMON|ADVANCE|OV_|OUT|ANOUT|TIMER|FLAG|CYCFLAG|BWDSTART|H_POS"
     r"|LOAD|JERK|GEAR_JERK|LOOP_|CMD|PRO_|SPL_|RED_VEL|IOSYS|STOPNOAPROX|VC_|COUNT_I|CP_VEL)",
     re.IGNORECASE,
 )
+FRAME_NAME = re.compile(r"\$(?:BASE|TOOL)\b|(?:BASE|TOOL)_DATA\b|FDAT_ACT\b", re.IGNORECASE)
 CALL = re.compile(r"(?<![\w$.#])([A-Za-z]\w*)\s*\(")
 FUNCTIONS = frozenset(
     "BAS ABS SIN COS TAN ACOS ASIN ATAN2 SQRT INV_POS INVERSE FORWARD B_AND B_OR B_EXOR B_NOT "
@@ -158,7 +162,8 @@ class _Reader:
 
     def _note_names(self, routine: str, start: int, line: str) -> None:
         """Note what a statement does to names."""
-        if MOTION.match(line):
+        if action := ACTION.match(line):
+            self._note_names(routine, start + action.end(), line[action.end() :])
             return
         if match := DECLARATION.match(line):
             for name in match["names"].partition("=")[0].split(","):
@@ -175,7 +180,7 @@ class _Reader:
             self.names.note_sources(name, text)
         for call in CALL.finditer(without_strings(line)):
             name, inputs = call[1].upper(), self.inputs.get(call[1].upper(), [])
-            if name in self.functions:
+            if name in FUNCTIONS - {"SREAD", "CREAD"}:
                 continue
             for parameter in self.names.parameters[name]:
                 self.names.note_sources(parameter, line[call.end() :])
@@ -189,15 +194,25 @@ class _Reader:
         word = re.match(r"[$\w]*", line)[0].upper()  # type: ignore[index]
         where = f"not read: {' '.join(line.split())[:60]}"
         if match := MOTION.match(line):
+            yield from self._calls(WITH.split(line)[0][match.end() :], where)
             yield self._motion(routine, start, line, match)
             return
         if word in ("SPLINE", "PTP_SPLINE", "ENDSPLINE"):
             self.spline = self._with(routine, start, line)
             return
-        yield from self._calls(line, where)
+        if action := ACTION.match(line):
+            if call := CALL.match(line, action.end()):
+                self.routines.get(call[1].upper(), Routine("")).entry = "interrupt"
+            yield Jump("if")
+            yield from self._items(routine, start + action.end(), line[action.end() :])
+            yield Jump("endif")
+            return
+        calls = self._calls(line, where)
         if word in FLOW:
-            yield Jump(FLOW[word])
-        elif word == "GOTO":
+            yield from headed(FLOW[word], calls)
+            return
+        yield from calls
+        if word == "GOTO":
             yield Jump("goto", line.split()[-1].upper())
         elif label := re.fullmatch(r"(\w+)\s*:", line):
             yield Jump("label", label[1].upper())
@@ -217,9 +232,9 @@ class _Reader:
         for match in CALL.finditer(without_strings(line)):
             name = match[1].upper()
             if name in self.routines:
-                if re.match(r"(GLOBAL\s+)?INTERRUPT\b", line, re.IGNORECASE):
-                    self.routines[name].entry = "interrupt"
                 yield from called(name, match.start() == 0)
+                if not all(self.inputs[name]) and FRAME_NAME.search(line, match.end()):
+                    yield self._lost(where)
             elif name not in self.functions and not name.startswith("EKI_"):
                 yield self._lost(call_text(where, name))
 
@@ -237,7 +252,7 @@ class _Reader:
             yield Setting({key: Value(f"fdat {key}") for key in ("base", "tool", "mode")})
         elif command == "INITMOV":
             yield Setting({key: STATE[key] for key in ("base", "tool", "mode")})
-        elif not re.match(r"(VEL|ACC)_|OV_PRO$", command):
+        elif not re.match(r"(VEL|ACC)_|(OV_PRO|(PTP|CP)_DAT)$", command):
             yield self._lost(where)
 
     def _assignment(
@@ -318,7 +333,8 @@ class _Reader:
 
     def _with(self, routine: str, start: int, line: str) -> dict[str, Any]:
         """Return frames and mode of a WITH clause."""
-        match, values = re.search(r"\bWITH\b", line, re.IGNORECASE), dict[str, Any]()
+        line = APPROXIMATION.sub("", line)
+        match, values = WITH.search(line), dict[str, Any]()
         if match is None:
             return values
         clause = Statement(line[match.end() :], start + match.end())
@@ -352,8 +368,7 @@ class _Reader:
             motion.is_relative = not is_circle
             motion.reason = "is relative to the target before"
             return motion
-        main = re.split(r"\bWITH\b", line, flags=re.IGNORECASE)[0].rstrip()
-        main = APPROXIMATION.sub("", main)
+        main = APPROXIMATION.sub("", WITH.split(line)[0].rstrip())
         statement = Statement(main[place:], start + place)
         values = [*statement.values]
         if is_circle and len(values) == 3 and statement.word(values[2]).upper().startswith("CA"):
@@ -467,7 +482,7 @@ LANGUAGE = Language(
     radians=float(np.pi / 180.0),
     n_turns=3,
     motion=re.compile(
-        r"^[ \t]*(?:S?PTP|S?LIN|S?CIRC|SPL)(?:_REL)?(?:[ \t]+[A-Z$]|[ \t]*\{)", re.I | re.M
+        r"(?<![\w$.#])(?:S?PTP|S?LIN|S?CIRC|SPL)(?:_REL)?(?:[ \t]+[A-Z$]|[ \t]*[{(])", re.I
     ),
     decimals=(4, 5),
     read=read,

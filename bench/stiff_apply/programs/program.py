@@ -338,7 +338,7 @@ def _frames_of(motion: Motion, state: State | None) -> tuple[str, Frame, Frame]:
     if motion.reason or state is None:
         return motion.reason or "is never reached", Frame(""), Frame("")
     is_pose = any(not goal.has_joints for goal in motion.goals)
-    needs = [state[key] for key in (*motion.needs, motion.config_key) if key and is_pose]
+    needs = [state[key] for key in (*motion.needs, *[motion.config_key] * is_pose) if key]
     for value in (*needs, *[base] * is_pose, tool):
         if isinstance(value, Unknown):
             return value.cause, Frame(""), Frame("")

@@ -24,6 +24,7 @@ from stiff_apply.programs.flow import (
     Unknown,
     call_text,
     called,
+    headed,
     lost_state,
 )
 from stiff_apply.programs.program import NEAR_ZERO, Goal, Language, Motion, Reading
@@ -56,7 +57,7 @@ FLOW = {
     **{"ENDFOR": "endloop", "ENDWHILE": "endloop", "TEST": "switch", "CASE": "case"},
     **{"DEFAULT": "else", "ENDTEST": "endif", "RETURN": "return", "EXIT": "return"},
     **dict.fromkeys(("ERROR", "UNDO", "BACKWARD"), "handler"),
-    **dict.fromkeys(("RAISE", "RETRY", "TRYNEXT", "EXITCYCLE"), "return"),
+    **{"RAISE": "return", "EXITCYCLE": "return", "RETRY": "retry", "TRYNEXT": "retry"},
 }
 DATA = re.compile(
     r"(?:(?:LOCAL|TASK)\s+)*(?P<store>CONST|PERS|VAR)\s+(?P<type>\w+)\s+(?P<name>\w+)"
@@ -71,10 +72,14 @@ MOTION = re.compile(
 )
 PLACES = {"move": 3, "trigg": 4, "arc": 5}
 """Word of a motion -> place of its tool among the arguments after the points, from 1."""
+WRITER = re.compile(r"(?:Add|Incr|Decr|Clear|Read\w+|GetSysData|Bit\w+)\b", re.IGNORECASE)
+"""Harmless instructions whose arguments get new values."""
+SEARCH = re.compile(r"Search\w\s*(?:\\\w+\s*,)?[^,]*,\s*(\w+)", re.IGNORECASE)
 HARMLESS = re.compile(
-    r"(?:Set(?:DO|AO|GO|AllDataVal|DataSearch)?|Reset|InvertDO|PulseDO|Wait(?!WObj)\w*|TP\w+|UI\w+"
+    r"(?:Set(?:DO|AO|GO|DataSearch)?|Reset|InvertDO|PulseDO|Wait(?!WObj)\w*|TP\w+|UI\w+"
     r"|AccSet|VelSet|PathAccLim|WorldAccLim|SpeedRefresh|SingArea|CirPathMode|GripLoad|MechUnitLoad"
-    r"|Incr|Decr|Add|Clear|Clk\w+|Open|Close|Write\w*|Read\w+|Rewind|Err\w+|BookErrNo|Stop\w*|Break"
+    r"|Incr|Decr|Add|Clear|Clk\w+|Open|Close|Write\w*|Read\w+|Rewind|Err\w+|BookErrNo|Break"
+    r"|(?:Stop|StartMove|WZ)\w*|(?:Store|Resto|Clear)Path"
     r"|Trigg(?:Equip|IO|Int|Speed|CheckIO|RampAO|Data\w+|Stop\w+)|I(?:Signal\w+|Delete|Enable"
     r"|Disable|Timer|Sleep|Watch|Error|Pers|VarValue)|CONNECT|ActUnit|DeactUnit|Load|UnLoad"
     r"|StartLoad|WaitLoad|Save|MotionSup|Socket\w+|ClearIOBuff|SystemStopAction|ProcerrRecovery"
@@ -166,7 +171,9 @@ class _Reader:
             self.names.assign(routine, match["name"], None, "is assigned in the program")
             self.names.note_sources(match["name"], text[match.end() :])
         first = re.match(r"[%\w]*", text)[0]  # type: ignore[index]
-        if not (
+        if search := SEARCH.match(text):
+            arguments = search[1]
+        elif WRITER.match(text) or not (
             match
             or MOTION.match(text)
             or SETTING.match(text)
@@ -192,18 +199,26 @@ class _Reader:
             yield from self._items(routine, start + compact, statement[compact:])
             yield Jump("endif")
             return
+        calls = self._calls(statement)
+        if word in ("IF", *FLOW) and not ASSIGNMENT.match(statement):
+            yield from headed(FLOW.get(word, "if"), calls)
+            return
+        yield from calls
         if match := MOTION.match(statement):
             yield self._motion(routine, start, statement, match)
             if not match["family"] or match["form"].lower() == "extj":
                 yield Setting({"other": Unknown(f"moved by {match['word']}")})
+            if (match["more"] or "").lower() == "sync":
+                name = re.split('"', f'{statement}""')[1]
+                if name.lower() in self.routines:
+                    yield from called(name.lower(), is_sure=False)
+                elif name.lower() not in self.harmless:
+                    yield Setting(lost_state(STATE, call_text(f"not read: {short}", name)))
             return
-        yield from self._calls(statement)
         if ASSIGNMENT.match(statement) or DATA.match(statement) or not statement.strip(" ;"):
             return
         label = re.fullmatch(r"([A-Z_]\w*)\s*:", statement, re.IGNORECASE)
-        if word in ("IF", *FLOW):
-            yield Jump(FLOW.get(word, "if"))
-        elif label:
+        if label:
             yield Jump("label", label[1].lower())
         elif word == "GOTO":
             yield Jump("goto", statement[4:].strip(" ;\r\n\t").lower())
@@ -249,7 +264,7 @@ class _Reader:
             return motion
         expected = "robtarget"
         if form == "absj":
-            expected, motion.needs = "jointtarget", ()
+            expected, motion.needs = "jointtarget", NEEDS[2:]
         else:
             motion.config_key = "confj" if kind == "joint" else "confl"
         points = values[:n_points]

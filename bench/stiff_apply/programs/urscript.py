@@ -20,6 +20,7 @@ from stiff_apply.programs.flow import (
     Unknown,
     call_text,
     called,
+    headed,
     lost_state,
 )
 from stiff_apply.programs.program import NO_FRAME, Goal, Language, Motion, Reading
@@ -34,7 +35,7 @@ from stiff_apply.programs.statements import (
 from stiff_datasets.measured.rotations import vector_rotations
 
 COMMENT = re.compile(r"\"[^\"\r\n]*\"|#[^\r\n]*")
-BREAK = re.compile(r"\"[^\"\r\n]*\"|[\[({]|[\])}]|[\r\n]+|$")
+BREAK = re.compile(r"\"[^\"\r\n]*\"|[\[({]|[\])}]|[\r\n;]+|$")
 NEXT = re.compile(
     r"\s*(?:(?:move|servo|speed|optimove)[a-z]*\s*\(|set_tcp\s*\(|(?:def|thread|end|if|elif|else"
     r"|while|global|local|return)\b)"
@@ -43,7 +44,7 @@ NEXT = re.compile(
 PART = re.compile(r"\"[^\"]*\"|\w+|[^\s\w]")
 """A word, a bracket or another character of a line."""
 OPERATORS = ("and", "or", "not", "xor")
-HEAD = re.compile(r"(?P<word>if|elif|else|while|for|def|thread|switch|case|default)\b")
+HEAD = re.compile(r"(?P<word>if|elif|else|while|for|def|thread|sec|switch|case|default)\b")
 FLOW = {
     **{"if": "if", "elif": "case", "else": "else", "while": "loop", "for": "loop"},
     **{"switch": "switch", "case": "case", "default": "else", "break": "break"},
@@ -53,7 +54,7 @@ ASSIGNMENT = re.compile(
     r"(?:(?P<scope>global|local)\s+)?(?P<name>\w+)(?P<part>(?:\[[^\]]*\]|\.\w+)*)\s*=(?!=)"
 )
 MOTION = re.compile(
-    r"(?P<word>(?:move|servo|speed|optimove)[a-z]*)\s*(?P<arguments>\(.*)", re.DOTALL
+    r"(?P<word>(?:move|servo|speed|optimove)[a-z])\s*(?P<arguments>\(.*)", re.DOTALL
 )
 KINDS = {"movel": "linear", "movep": "linear", "movec": "circle", "movej": "joint"}
 JOINT_MOTIONS = ("servoj", "speedj", "optimovej")
@@ -61,10 +62,18 @@ POINTS = ("pose", "q", "pose_via", "pose_to")
 """Names of the arguments that are points."""
 CALL = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*\(")
 FUNCTIONS = re.compile(
-    r"(?:get|is|read|write|socket|rtde|modbus|rpc|pose|str|to|request|zero|encoder|freedrive|tool"
-    r"|enable|disable|end_freedrive|set_(?:standard|configurable|tool|digital|analog|flag|payload"
-    r"|target_payload|gravity|input|runstate|euromap|safety|baselight))_?\w*"
-    r"|interpolate_pose|rpy2rotvec|rotvec2rpy|wrench_trans|point_dist|inv|norm|normalize|dot|cross|length|size|floor|ceil"
+    r"get_(?:(?:actual|target)_(?:joint|tcp|tool_flange|payload|waypoint)\w*|(?:inverse|forward)_kin\w*"
+    r"|tcp_(?:force|offset)|tool_(?:accelerometer_reading|current)|joint_(?:temp|torques)|steptime"
+    r"|controller_temp|conveyor_tick_count|gravity|flag|list_length|freedrive_status|jacobian\w*"
+    r"|(?:mass|coriolis)_\w+|euromap_\w+)|is_(?:steady|within_safety_limits)"
+    r"|[gs]et_(?:(?:standard|configurable|tool)_)?(?:digital|analog)_\w+"
+    r"|set_(?:tool_(?:voltage|communication|output_mode)|flag|(?:target_)?payload|payload_(?:mass|cog)"
+    r"|gravity|conveyor_tick_count|input_actions\w+|(?:runstate|euromap|safety_mode|baselight)_\w+)"
+    r"|(?:read|write)_(?:input|output|port)_\w+|(?:socket|rtde|modbus|encoder)_\w+|rpc_factory"
+    r"|pose_(?:add|sub|dist|inv|trans)|str_(?:at|cat|empty|find|len|sub)|to_(?:num|str)"
+    r"|request_\w+_from_primary_client|zero_ftsensor|(?:end_)?(?:freedrive|teach)_mode\w*"
+    r"|tool_contact\w*|enable_external_ft_sensor|conveyor_pulse_decode|force_mode_set_\w+"
+    r"|path_offset_set_(?:alpha_filter|max_offset)|interpolate_pose|rpy2rotvec|rotvec2rpy|wrench_trans|point_dist|inv|norm|normalize|dot|cross|length|size|floor|ceil"
     r"|sqrt|a?sin|a?cos|a?tan2?|exp|log|pow|abs|d2r|r2d|random|num_to_str|struct|make_list"
     r"|binary_list_to_integer|integer_to_binary_list|list_\w+|assert|sleep|sync|textmsg|popup"
     r"|stop[jl]|stopjl|force|halt|powerdown|time|protective_stop|position_deviation_warning"
@@ -75,11 +84,6 @@ EFFECTS = {
     **{"track_conveyor_linear": ("conveyor", True), "track_conveyor_circular": ("conveyor", True)},
     **{"stop_conveyor_tracking": ("conveyor", False), "path_offset_enable": ("offset", True)},
     **{"path_offset_set": ("offset", True), "path_offset_disable": ("offset", False)},
-    **{"force_mode_set_damping": ("none", False), "force_mode_set_gain_scaling": ("none", False)},
-    **{
-        "path_offset_set_alpha_filter": ("none", False),
-        "path_offset_set_max_offset": ("none", False),
-    },
 }
 """Function -> key of the state, and whether motions are moved after it."""
 NEEDS = ("force", "conveyor", "offset", "other")
@@ -113,16 +117,17 @@ class _Reader:
             now, word = stack[-1][0], ""
             if head := HEAD.match(statement):
                 word = head["word"]
-            if word in ("def", "thread"):
+            if word in ("def", "thread", "sec"):
                 match = re.match(r"\w+\s+(\w+)\s*\(?([^)]*)", statement)
                 name = match[1] if match else "?"
-                routine = self.routines.setdefault(name, Routine(name))
+                entry = "called" if word == "def" else "interrupt"
+                routine = self.routines.setdefault(name, Routine(name, entry=entry))
                 for part in match[2].split(",") if match else ():
                     self.names.declare_parameter(name, part.partition("=")[0].strip())
                 stack.append((routine, word))
             elif re.fullmatch(r"end", statement):
                 opened = stack.pop()[1] if len(stack) > 1 else "?"
-                if opened not in ("def", "thread"):
+                if opened not in ("def", "thread", "sec"):
                     yield now, start, Jump("endloop" if opened in ("while", "for") else "endif")
             else:
                 if word in ("if", "while", "for", "switch"):
@@ -159,14 +164,31 @@ class _Reader:
         word = re.match(r"\w*", statement)[0]  # type: ignore[index]
         if statement.startswith("$"):
             return
-        if match := MOTION.match(statement):
-            yield self._motion(routine, start, statement, match)
-            return
+        match = MOTION.match(statement)
         is_call = re.match(r"\w+\s*\(", statement)
         if is_call and word == "set_tcp":
             yield Setting({"tool": self._tool(routine, statement, where)})
             return
-        for call in CALL.finditer(without_strings(statement)):
+        calls = self._calls(statement, match.start("arguments") if match else 0, where)
+        if word in FLOW and not ASSIGNMENT.match(statement):
+            yield from headed(FLOW[word], calls)
+            return
+        yield from calls
+        if match:
+            yield self._motion(routine, start, statement, match)
+            return
+        if not (
+            is_call
+            or ASSIGNMENT.match(statement)
+            or (word in self.remotes and statement[len(word)] == ".")
+            or word in ("run", "join", "kill", "pass")
+            or word in ("enter_critical", "exit_critical", "global", "local")
+        ):
+            yield Setting(lost_state(STATE, where))
+
+    def _calls(self, statement: str, place: int, where: str) -> Iterator[Any]:
+        """Yield the calls of a statement after a place, and what unknown ones may do."""
+        for call in CALL.finditer(without_strings(statement), place):
             name = call[1]
             if name in self.routines:
                 yield from called(name, call.start() == 0)
@@ -175,16 +197,6 @@ class _Reader:
                 yield Setting({key: Unknown(f"moved by {name}") if moves else ""})
             elif name not in self.harmless and not FUNCTIONS.fullmatch(name):
                 yield Setting(lost_state(STATE, call_text(where, name)))
-        if word in FLOW and not ASSIGNMENT.match(statement):
-            yield Jump(FLOW[word])
-        elif not (
-            is_call
-            or ASSIGNMENT.match(statement)
-            or (word in self.remotes and statement[len(word)] == ".")
-            or word in ("run", "join", "kill", "pass")
-            or word in ("enter_critical", "exit_critical", "global", "local")
-        ):
-            yield Setting(lost_state(STATE, where))
 
     def _tool(self, routine: str, statement: str, where: str) -> Any:
         """Return the tool of set_tcp(..)."""
@@ -268,7 +280,7 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
         character = match[0][:1]
         depth += (character in "[({" and character != "") - (character in "])}" and character != "")
         depth = max(depth, 0)
-        if character in ("\r", "\n", "") and (
+        if character in ("\r", "\n", ";", "") and (
             not depth or not character or NEXT.match(text, match.end())
         ):
             yield from _split(text[begin : match.start()], begin)
