@@ -76,13 +76,15 @@ WRITER = re.compile(r"(?:Add|Incr|Decr|Clear|Read\w+|GetSysData|Bit\w+)\b", re.I
 """Harmless instructions whose arguments get new values."""
 SEARCH = re.compile(r"Search\w\s*(?:\\\w+\s*,)?[^,]*,\s*(\w+)", re.IGNORECASE)
 HARMLESS = re.compile(
-    r"(?:Set(?:DO|AO|GO|DataSearch)?|Reset|InvertDO|PulseDO|Wait(?!WObj)\w*|TP\w+|UI\w+"
+    r"(?:Set(?:DO|AO|GO|DataSearch)?|Reset|InvertDO|PulseDO|TP(?:Erase|Read\w+|Show|Write)|UI(?:MsgBox|Show)"
+    r"|Wait(?:[ADG][IO]|Load|Rob|SyncTask|TestAndSet|Time|Until)"
     r"|AccSet|VelSet|PathAccLim|WorldAccLim|SpeedRefresh|SingArea|CirPathMode|GripLoad|MechUnitLoad"
-    r"|Incr|Decr|Add|Clear|Clk\w+|Open|Close|Write\w*|Read\w+|Rewind|Err\w+|BookErrNo|Break"
-    r"|(?:Stop|StartMove|WZ)\w*|(?:Store|Resto|Clear)Path"
+    r"|Incr|Decr|Add|Clear|Clk(?:Start|Stop|Reset)|Open|Close|Rewind|BookErrNo|Break"
+    r"|(?:Write|Read)(?:\w*Bin|Block|RawBytes|Var(?:Arr)?|CfgData|ErrData)|Write|Err(?:Log|Raise|Write)"
+    r"|Stop(?:Move(?:Reset)?)?|StartMove(?:Retry)?|WZ\w+|(?:Store|Resto|Clear)Path"
     r"|Trigg(?:Equip|IO|Int|Speed|CheckIO|RampAO|Data\w+|Stop\w+)|I(?:Signal\w+|Delete|Enable"
     r"|Disable|Timer|Sleep|Watch|Error|Pers|VarValue)|CONNECT|ActUnit|DeactUnit|Load|UnLoad"
-    r"|StartLoad|WaitLoad|Save|MotionSup|Socket\w+|ClearIOBuff|SystemStopAction|ProcerrRecovery"
+    r"|StartLoad|Save|MotionSup|Socket(?:Accept|Bind|Close|Connect|Create|Listen|Receive\w*|Send\w*)|ClearIOBuff|SystemStopAction|ProcerrRecovery"
     r"|PathResol|GetSysData|ActEventBuffer|DeactEventBuffer|BitSet|BitClear|CorrCon|CorrDiscon|CorrClear"
     r"|CorrWrite)\b"
     r"|(?:ALIAS|LOCAL|TASK|CONST|PERS|VAR|MODULE|ENDMODULE|RECORD|ENDRECORD)\b",
@@ -99,6 +101,7 @@ STATE: dict[str, Any] = {
 }
 NEEDS = ("pdisp", "eoffs", "soft", "syncmove", "other")
 CALL = re.compile(r"(?<![\w\\])([A-Z_]\w*)\s*\(", re.IGNORECASE)
+ARGUMENTS = re.compile(r"(?:[^()]|\((?:[^()]|\([^()]*\))*\))*")
 LITERALS = {"robtarget": [3, 4, 4, 6], "jointtarget": [6, 6]}
 """Type of a target -> counts of its numbers: position, quaternion, confdata, external axes."""
 CLOSE = {"[": "]", "(": ")", "{": "}"}
@@ -121,6 +124,7 @@ class _Reader:
         self.names, self.routines = Names(), {"": Routine("", entry="file")}
         self.frames: dict[tuple[str, str, str], Any] = {}
         self.harmless = {name.lower() for name in harmless}
+        self.changing = set[str]()
         self.constants, self.passed = set[tuple[str, str]](), list[tuple[str, str, str]]()
         text = without_comments(text, COMMENT)
         statements = [*self._by_routine(text)]
@@ -145,6 +149,8 @@ class _Reader:
                 is_trap = re.match(r"(LOCAL\s+)?TRAP\b", head, re.IGNORECASE)
                 now = Routine(name, entry="interrupt" if is_trap else "called")
                 now = self.routines.setdefault(name, now)
+                if re.search(r"\b(INOUT|VAR|PERS)\b", head, re.IGNORECASE):
+                    self.changing.add(name)
                 for part in re.split(r"[,|]", head.partition("(")[2].rstrip(") ")):
                     words = part.partition("{")[0].replace("\\", " ").split()
                     self.names.declare_parameter(name, words[-1] if words else "")
@@ -175,15 +181,17 @@ class _Reader:
             arguments = search[1]
         elif WRITER.match(text) or not (
             match
+            or first.lower() in self.routines
             or MOTION.match(text)
             or SETTING.match(text)
             or HARMLESS.match(text)
             or first.upper() in FLOW
         ):
             arguments = text[len(first) :]
-        for call in CALL.finditer(without_strings(text)):
-            if call[1].lower() in self.routines:
-                arguments += text[call.start() :]
+        calls = [(call[1], call.end()) for call in CALL.finditer(without_strings(statement))]
+        for name, end in (*calls, (first, len(statement) - len(text) + len(first))):
+            if name.lower() in self.changing:
+                arguments += ARGUMENTS.match(statement, end)[0]  # type: ignore[index]
         for name in {word.lower() for word in WORD.findall(text)} & self.routines.keys():
             for parameter in self.names.parameters[name]:
                 self.names.note_sources(parameter, text)

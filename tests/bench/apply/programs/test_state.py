@@ -257,6 +257,104 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
             "movel(p[-0.4,0,0.2,0,3,0])",
             {4: "", 6: "fan.turn"},
         ),
+        # routines that are entered at any time
+        (
+            ".src",
+            f"DEF m()\n{FRAMES}INTERRUPT DECL 3 WHEN $IN[1] DO S()\n{FRAMES}LIN {POSE}\nEND\n"
+            "DEF S()\n$BASE=$WORLD\nEND",
+            {7: "at any time"},
+        ),
+        (
+            ".mod",
+            f"{DATA}PROC main()\nPDispOff;\nMoveL {robtarget()}, {MOVE}\nENDPROC\n"
+            "TRAP t1\nPDispSet d;\nENDTRAP\nENDMODULE",
+            {6: "PDispSet"},
+        ),
+        (
+            ".mod",
+            f"{DATA}PROC main()\nPDispOff;\nMoveL {robtarget()}, {MOVE}\nERROR\nPDispSet d;\n"
+            "RETRY;\nENDPROC\nENDMODULE",
+            {6: "PDispSet"},
+        ),
+        (
+            ".script",
+            "def m():\n run w()\n set_tcp(p[0,0,0.1,0,0,0])\n movel(p[-0.4,0,0.2,0,3,0])\nend\n"
+            "thread w():\n set_tcp(p[0,0,0.2,0,0,0])\n movel(p[-0.4,0,0.2,0,3,0])\nend",
+            {4: "at any time", 8: "at any time"},
+        ),
+        # calls in conditions and in motions
+        (
+            ".src",
+            f"DEF m()\n{FRAMES}WHILE NXT()\n$BASE=$WORLD\nENDWHILE\nLIN GET($BASE)\nEND\n"
+            f"DEFFCT BOOL NXT()\nLIN {POSE}\nRETURN TRUE\nENDFCT",
+            {7: "GET($BASE)", 10: "not the same"},
+        ),
+        (
+            ".src",
+            f"DEF m()\n{FRAMES}SHIFT($BASE)\nLIN {POSE}\nEND\nDEF SHIFT(F:OUT)\nF.X=9\nEND",
+            {5: "SHIFT($BASE)"},
+        ),
+        (
+            ".mod",
+            f"{DATA}PROC main()\nIF a THEN\nMoveL {robtarget()}, {MOVE}\nELSEIF f() THEN\n"
+            f"MoveL {robtarget()}, {MOVE}\nELSE\nMoveL {robtarget()}, {MOVE}\nENDIF\nPDispOff;\n"
+            f"MoveL f(), {MOVE}\nMoveL {robtarget()}, {MOVE}\nPDispOff;\n"
+            f'MoveLSync {robtarget()}, {MOVE[:-1]}, "f";\nMoveL {robtarget()}, {MOVE}\nENDPROC\n'
+            "FUNC bool f()\nPDispSet d;\nENDFUNC\nENDMODULE",
+            {6: "", 8: "PDisp", 10: "PDisp", 13: "PDisp", 14: "PDisp", 16: "not read", 17: "PDisp"},
+        ),
+        (
+            ".script",
+            "set_tcp(p[0,0,0.1,0,0,0])\nif a:\nmovel(p[-0.4,0,0.2,0,3,0])\nelif other():\n"
+            "movel(p[-0.4,0,0.2,0,3,0])\nend",
+            {3: "", 5: "other()"},
+        ),
+        (
+            ".script",
+            "def movehome():\nset_tcp(a)\nend\ndef m():\nset_tcp(p[0,0,0.1,0,0,0]);\n"
+            "movel(p[-0.4,0,0.2,0,3,0]); movej([0,-1,1,0,0,0])\nmovel(movehome())\n"
+            "movel(p[-0.4,0,0.2,0,3,0])\nend",
+            {6: "", -1: "", 7: "not the same", 8: "not the same"},
+        ),
+        # what searches write, and joint targets in a state that moves them
+        (
+            ".mod",
+            f"{DATA}VAR robtarget s:={robtarget()};\nPROC main()\n"
+            f"SearchL\\Stop, d, s, p, v1, mill;\nMoveL s, {MOVE}\nSoftAct 1, 20;\n"
+            f"MoveAbsJ [[0,0,0,0,30,0],{EXTERNAL}], v1, z1, mill;\nENDPROC\nENDMODULE",
+            {6: "not read", 7: "SearchL", 9: "SoftAct"},
+        ),
+        (
+            ".src",
+            f"{FRAMES}$IPO_MODE=#TCP\nPTP {{A1 0,A2 -90,A3 90,A4 0,A5 60,A6 0}}\n$IPO_MODE=#BASE\n"
+            f"LIN (XP1)\nLIN {POSE}C_DIS\nSLIN {POSE} WITH $BASE=$WORLD C_SPL",
+            {4: "#TCP", 6: "expression", 7: "", 8: ""},
+        ),
+        (
+            ".ls",
+            fanuc(
+                "UFRAME_NUM=1",
+                "UTOOL_NUM=1",
+                "L P[1] 9mm/sec FINE TB .10sec,CALL A",
+                "L P[1] 9mm/sec FINE",
+                "UFRAME_NUM=1",
+                "UTOOL_NUM=1",
+                "WAIT DI[1]=ON TIMEOUT,LBL[5]",
+                "UFRAME_NUM=2",
+                "LBL[5]",
+                "L P[1] 9mm/sec FINE",
+                "UFRAME_NUM=1+R[2]",
+                "L P[1] 9mm/sec FINE",
+                "GP1:L P[1] 9mm/sec FINE",
+                uf="F",
+            ),
+            {5: "", 6: "CALL A", 12: "not the same", 14: "R[2]", 15: "no motion is expected"},
+        ),
+        (
+            ".ls",
+            fanuc("L P[1] 9mm/sec FINE", fields=", E1 = ******** mm"),
+            {3: "not set"},
+        ),
         # FANUC with texts of another language
         (
             ".ls",
