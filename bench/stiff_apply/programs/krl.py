@@ -64,7 +64,7 @@ ACTION = re.compile(r"(?:GLOBAL\s+)?(?:INTERRUPT|TRIGGER)\b.*\bDO\s+(?=\S)", re.
 APPROXIMATION = re.compile(r"(?:\s*\bC_(?:DIS|PTP|ORI|VEL|SPL)\b)+\s*$", re.IGNORECASE)
 ASSIGNMENT = re.compile(r"(?P<base>\$?\w+)(?P<part>\[[^\]=]*\])?(?P<field>[.\[][\w$.\[\],]*)?\s*=")
 HARMLESS = re.compile(
-    r"(?:DEFDAT|ENDDAT|EXT|EXTFCT|EXTP|EXTFCTP|STRUC|ENUM|SIGNAL|IMPORT|WAIT|HALT|CONTINUE|PULSE"
+    r"(?:DEFDAT|ENDDAT|STRUC|ENUM|SIGNAL|IMPORT|WAIT|HALT|CONTINUE|PULSE"
     r"|OUT|ANOUT|ANIN|DIGIN|CONFIRM|BRAKE|TRIGGER|INTERRUPT|GLOBAL\s+INTERRUPT|TIME_BLOCK"
     r"|CONST_VEL|ON_ERROR_PROCEED|CHANNEL|CWRITE|CREAD|SWRITE|SREAD|COPEN|CCLOSE|END(?:FCT)?"
     r"|(?:ENDSPLINE|SPLINE|PTP_SPLINE))\b",
@@ -142,7 +142,7 @@ class _Reader:
                     self.names.declare_parameter(name, parameter)
             elif re.fullmatch(r"END(FCT)?", line, re.IGNORECASE):
                 now = self.routines[""]
-            else:
+            elif not re.match(r"EXT(FCT)?P?\b", line, re.IGNORECASE):
                 yield now, start, line
 
     def _declare_data(self, start: int, line: str, index: int) -> None:

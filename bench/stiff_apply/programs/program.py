@@ -235,7 +235,7 @@ def program_table(
         harmless: names of other routines that do not change the state.
 
     Raises:
-        DataError: it has no motion, or a number is too large.
+        DataError: it has no motion.
     """
     reading = language.read(texts, harmless)
     state_of = Flow(reading.routines, reading.state).at
@@ -286,7 +286,7 @@ def program_table(
     external = np.full((len(rows), MOST_EXTERNAL), np.nan)
     for row, axes in enumerate(columns[8]):
         external[row, : len(axes)] = axes
-    program = RobotProgram(
+    return RobotProgram(
         paths=paths,
         texts=texts,
         language=language,
@@ -308,12 +308,6 @@ def program_table(
         motion_lines=motion_lines,
         states=state_of,
     )
-    is_large = ~(np.abs(np.nan_to_num(values, nan=0.0, posinf=np.inf)) <= MAX_NUMBER)
-    if is_large.any():
-        row, column = np.argwhere(is_large)[0]
-        valid = f"valid: numbers within +-{MAX_NUMBER:g}"
-        raise DataError(f"{program.place(row)}: {values[row, column]:g} ({valid})")
-    return program
 
 
 def _unread_motions(
@@ -355,6 +349,9 @@ def _frames_of(motion: Motion, state: State | None) -> tuple[str, Frame, Frame]:
 
 def _whole_goal(goal: Goal, last: Goal, frames_of_last: Any, frames: Any) -> Goal:
     """Return a goal with missing numbers from the target before; they are to be inserted."""
+    for number in goal.numbers:
+        if number and not abs(number.value) <= MAX_NUMBER:
+            return Goal(reason=f"{number.value:g} is not within +-{MAX_NUMBER:g}")
     if goal.reason or None not in goal.numbers:
         return goal
     reason = "the target has not all numbers, and the target before "
