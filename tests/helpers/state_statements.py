@@ -61,6 +61,8 @@ RAPID = {
     'SetAllDataVal "robtarget", p20;': RAPID_MANUAL,
     "WaitForPart;": RAPID_MANUAL,
     "StopGripper;": RAPID_MANUAL,
+    "nX:=Measure(3);": RAPID_MANUAL,
+    "bOk:=Measure(p10);": RAPID_MANUAL,
     "%stName%;": RAPID_MANUAL,
     'CallByVar "proc", 1;': RAPID_MANUAL,
     "EGMSetupUC ROB_1, egm1, name, device;": "ABB, application manual: externally guided motion",

@@ -84,7 +84,7 @@ HARMLESS = re.compile(
     r"|Stop(?:Move(?:Reset)?)?|StartMove(?:Retry)?|WZ\w+|(?:Store|Resto|Clear)Path"
     r"|Trigg(?:Equip|IO|Int|Speed|CheckIO|RampAO|Data\w+|Stop\w+)|I(?:Signal\w+|Delete|Enable"
     r"|Disable|Timer|Sleep|Watch|Error|Pers|VarValue)|CONNECT|ActUnit|DeactUnit|Load|UnLoad"
-    r"|StartLoad|Save|MotionSup|Socket(?:Accept|Bind|Close|Connect|Create|Listen|Receive\w*|Send\w*)|ClearIOBuff|SystemStopAction|ProcerrRecovery"
+    r"|StartLoad|Save|MotionSup|Socket(?:Accept|Bind|Close|Connect|Create|Listen|Receive\w*|Send\w*)|ClearIOBuff|SystemStopAction|SkipWarn|ResetRetryCount|RemoveFile|ProcerrRecovery"
     r"|PathResol|GetSysData|ActEventBuffer|DeactEventBuffer|BitSet|BitClear|CorrCon|CorrDiscon|CorrClear"
     r"|CorrWrite)\b"
     r"|(?:ALIAS|LOCAL|TASK|CONST|PERS|VAR|MODULE|ENDMODULE|RECORD|ENDRECORD)\b",
@@ -102,6 +102,23 @@ STATE: dict[str, Any] = {
 NEEDS = ("pdisp", "eoffs", "soft", "syncmove", "other")
 CALL = re.compile(r"(?<![\w\\])([A-Z_]\w*)\s*\(", re.IGNORECASE)
 ARGUMENTS = re.compile(r"(?:[^()]|\((?:[^()]|\([^()]*\))*\))*")
+FUNCTIONS = re.compile(
+    r"A(?:bs|rgName)|[AGD](?:In|Out)put(?:Dnum)?|A?(?:Cos|Sin|Tan2?)|Bit\w+|Byte(?:ToStr)?|ClkRead"
+    r"|C(?:alc(?:Joint|Rob)T|JointT|RobT|Pos|Tool|WObj|Date|Time|orrRead|SpeedOverride)|Dim|DotProd"
+    r"|Def(?:Acc|D)?Frame|Distance|(?:Dec|Hex)To(?:Dec|Hex)|\w+To(?:Dnum|Num|Str|Val|Byte)|Exp"
+    r"|E(?:ulerZYX|ventType|xec(?:Handler|Level))|F(?:ile(?:Size|Time)|SSize)|Get(?:MecUnitName"
+    r"|MotorTorque|NextMechUnit|NextSym|ServiceInfo|SignalOrigin|SysInfo|TaskName|Time)|IndInpos"
+    r"|IndSpeed|Is(?:File|MechUnitActive|Pers|StopMoveAct|SyncMoveOn|SysId|Var)|MaxRobSpeed|MirPos"
+    r"|Mod(?:Exist|Time)|N?Orient(?:ZYX)?|Offs|OpMode|ORobT|PathLevel|Pose(?:Inv|Mult|Vect)|Pow"
+    r"|Present|ProgMemFree|PFRestart|Quad|RawBytesLen|Read(?:Bin|Dir|Motor|Num|Str|StrBin|Var)"
+    r"|RelTool|RemainingRetries|Rob(?:Name|OS)|Round|RunMode|Socket(?:GetStatus|Peek)|Sqrt"
+    r"|Str(?:Dig\w+|Find|Format|Len|Map|Match|Memb|Order|Part)|Task(?:RunMec|RunRob|sInSync)"
+    r"|Test(?:AndSet|DI|SignRead)|Text\w+|Trigg?DataValid|Trunc|Type|ValidIO|VectMagn"
+    r"|UI(?:AlphaEntry|ClientExist|D?numEntry|D?numTune|ListView|MessageBox)|AND|OR|NOT|XOR|DIV"
+    r"|MOD|FROM|TO|STEP|OF",
+    re.IGNORECASE,
+)
+"""Functions of the language; others may set the state and change their arguments."""
 LITERALS = {"robtarget": [3, 4, 4, 6], "jointtarget": [6, 6]}
 """Type of a target -> counts of its numbers: position, quaternion, confdata, external axes."""
 CLOSE = {"[": "]", "(": ")", "{": "}"}
@@ -188,9 +205,10 @@ class _Reader:
             or first.upper() in FLOW
         ):
             arguments = text[len(first) :]
-        calls = [(call[1], call.end()) for call in CALL.finditer(without_strings(statement))]
-        for name, end in (*calls, (first, len(statement) - len(text) + len(first))):
-            if name.lower() in self.changing:
+        if first.lower() in self.changing:
+            arguments = text[len(first) :]
+        for name, end in self._functions(statement):
+            if name in self.changing or name not in self.routines:
                 arguments += ARGUMENTS.match(statement, end)[0]  # type: ignore[index]
         for name in {word.lower() for word in WORD.findall(text)} & self.routines.keys():
             for parameter in self.names.parameters[name]:
@@ -242,11 +260,21 @@ class _Reader:
                 yield Motion(start, start + len(statement), routine, "linear", reason=reason)
             yield Setting(lost_state(STATE, call_text(f"not read: {short}", word.capitalize())))
 
-    def _calls(self, statement: str) -> Iterator[Any]:
-        """Yield calls of functions of this file."""
+    def _functions(self, statement: str) -> Iterator[tuple[str, int]]:
+        """Yield the functions that a statement calls, and the places of their arguments."""
         for call in CALL.finditer(without_strings(statement)):
-            if call[1].lower() in self.routines:
-                yield from called(call[1].lower(), is_sure=False)
+            name = call[1].lower()
+            if name in self.routines or not (FUNCTIONS.fullmatch(name) or call.start() == 0):
+                yield name, call.end()
+
+    def _calls(self, statement: str) -> Iterator[Any]:
+        """Yield calls of functions of this file, and what unknown ones may do."""
+        for name, end in self._functions(statement):
+            if name in self.routines:
+                yield from called(name, is_sure=False)
+            elif name not in self.harmless:
+                cause = f"not read: {statement[end - len(name) - 1 :][:40]}"
+                yield Setting(lost_state(STATE, call_text(cause, name)))
 
     def _motion(self, routine: str, start: int, text: str, match: re.Match[str]) -> Motion:
         """Return a motion with its points."""

@@ -327,8 +327,9 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
         (
             ".src",
             f"{FRAMES}$IPO_MODE=#TCP\nPTP {{A1 0,A2 -90,A3 90,A4 0,A5 60,A6 0}}\n$IPO_MODE=#BASE\n"
-            f"LIN (XP1)\nLIN {POSE}C_DIS\nSLIN {POSE} WITH $BASE=$WORLD C_SPL",
-            {4: "#TCP", 6: "expression", 7: "", 8: ""},
+            f"LIN (XP1)\nLIN {POSE}C_DIS\nSLIN {POSE} WITH $BASE=$WORLD C_SPL\nEXT GRIP(INT:IN)\n"
+            f"LIN {POSE.replace('X 0', 'X 9E9')}\nLIN {POSE}",
+            {4: "#TCP", 6: "expression", 7: "", 8: "", 10: "not within", 11: ""},
         ),
         (
             ".ls",
