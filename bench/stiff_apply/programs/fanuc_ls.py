@@ -34,7 +34,7 @@ STATEMENT = re.compile(
 )
 POINT = r"@?(PR|P)\s*\[((?:[^\[\]]|\[[^\]]*\])*)\]"
 MOTION = re.compile(rf"(?P<letter>[LJCAS])\s+{POINT}(?:\s*:?\s*{POINT})?(?P<rest>.*)", re.DOTALL)
-ASSIGNED = re.compile(r"(?<!\w)P\s*\[\s*(\d*)(?:[^\[\]]|\[[^\]]*\])*\]\s*=")
+ASSIGNED = re.compile(r"(?<!\w)P\s*\[\s*(\d*)(?:[^\[\]\n]|\[[^\]\n]*\])*\]\s*=")
 NUMBERED = re.compile(r"\s*(\d+)\s*(?::.*)?", re.DOTALL)
 INDEX = r"\[[^\]]*\]"
 OPTION = re.compile(
