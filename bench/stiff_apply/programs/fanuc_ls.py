@@ -172,14 +172,18 @@ class _Reader:
         elif letter in "AS" or len(points) != 1 + (letter == "C"):
             motion.reason = "arc motions are not read" if letter in "AS" else "cannot be read"
         motion.goals = tuple(self._goal(*point) for point in points)
-        for name, index in points[-1:]:
+        for name, index in points:
             number = NUMBERED.fullmatch(index)
             position = self.positions.get(int(number[1])) if number and name == "P" else None
-            frames = dict(FRAME.findall(_first_group(position)[0])) if position else {}
+            if position is None:
+                continue
+            frames = dict(FRAME.findall(_first_group(position)[0]))
             for side, key in (("frame", "UF"), ("tool", "UT")):
                 written = frames.get(key, "F")
                 frame = _frame(key, written) if written.isdigit() else Value(side)
-                motion.expects[f"{side} number"] = written if written.isdigit() else None
+                expected = written if written.isdigit() else None
+                if motion.expects.setdefault(f"{side} number", expected) != expected:
+                    motion.reason = motion.reason or f"its points have different {side}s"
                 motion.base, motion.tool = (
                     (frame, motion.tool) if side == "frame" else (motion.base, frame)
                 )

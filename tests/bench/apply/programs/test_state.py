@@ -356,6 +356,11 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
             fanuc("L P[1] 9mm/sec FINE", fields=", E1 = ******** mm"),
             {3: "not set"},
         ),
+        (
+            ".ls",
+            fanuc("C P[2] P[3] 9mm/sec FINE").replace("UF : 0", "UF : 1", 2),
+            {3: "different frames"},
+        ),
         # FANUC with texts of another language
         (
             ".ls",
