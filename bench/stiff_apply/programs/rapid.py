@@ -168,8 +168,8 @@ class _Reader:
                 now = self.routines.setdefault(name, now)
                 if re.search(r"\b(INOUT|VAR|PERS)\b", head, re.IGNORECASE):
                     self.changing.add(name)
-                for part in re.split(r"[,|]", head.partition("(")[2].rstrip(") ")):
-                    words = part.partition("{")[0].replace("\\", " ").split()
+                for part in re.split(r"[,|\\]", head.partition("(")[2].rstrip(") ")):
+                    words = part.partition("{")[0].split()
                     self.names.declare_parameter(name, words[-1] if words else "")
             elif re.fullmatch(r"END(PROC|FUNC|TRAP)", statement, re.IGNORECASE):
                 now = self.routines[""]
@@ -306,7 +306,10 @@ class _Reader:
         points = values[:n_points]
         motion.goals = tuple(self._goal(routine, statement, point, expected) for point in points)
         tool, *options = _words(statement, values[n_points + PLACES[family] - 1])
-        named = dict(option.lower().partition(":=")[::2] for option in options)
+        named = dict(
+            option.lower().replace("?", ":=", 1).partition(":=")[::2]  # \WObj?WObj: if it is given
+            for option in options
+        )
         if "corr" in named:
             motion.reason = "moved by \\Corr"
         motion.tool = self._frame(routine, tool, "tooldata")

@@ -118,12 +118,12 @@ class _Reader:
             if head := HEAD.match(statement):
                 word = head["word"]
             if word in ("def", "thread", "sec"):
-                match = re.match(r"\w+\s+(\w+)\s*\(?([^)]*)", statement)
+                match = re.match(r"\w+\s+(\w+)\s*\(?(.*)", statement, re.DOTALL)
                 name = match[1] if match else "?"
                 entry = "called" if word == "def" else "interrupt"
                 routine = self.routines.setdefault(name, Routine(name, entry=entry))
                 for part in match[2].split(",") if match else ():
-                    self.names.declare_parameter(name, part.partition("=")[0].strip())
+                    self.names.declare_parameter(name, part.partition("=")[0].strip(" \t\r\n():"))
                 stack.append((routine, word))
             elif re.fullmatch(r"end", statement):
                 opened = stack.pop()[1] if len(stack) > 1 else "?"

@@ -187,6 +187,13 @@ def test_an_inserted_setting_of_the_state_changes_only_what_is_listed(tmp_path, 
             f"MoveL {robtarget()}, {MOVE}\nENDPROC\nENDMODULE",
             {7: "tool on the robot", 8: "does not move", 9: "not read", 10: "MoveExtJ"},
         ),
+        (
+            ".mod",
+            f"{DATA}CONST robtarget p:={robtarget()};\n"
+            f"PROC go(robtarget p\\PERS wobjdata WObj)\nMoveL p, {MOVE}\n"
+            f"MoveL {robtarget()}, v1, z1, mill\\WObj?WObj;\nENDPROC\nENDMODULE",
+            {6: "parameter", 7: "parameter"},
+        ),
         # names of routines
         (
             ".mod",
