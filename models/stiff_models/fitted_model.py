@@ -44,7 +44,7 @@ class FittedModel(StiffnessModel):
         """
         check_readings(self, train)
         self._fit(train, robot, validation, seed)
-        self.robot_, self.training_range_ = robot, TrainingRange.of(train)
+        self.robot_, self.training_range_ = robot, TrainingRange.of(train, robot)
         return self
 
     @abstractmethod

@@ -50,7 +50,8 @@ def whole_fit(
     elif uses_validation(choice.info, model):
         note = "a single pose leaves no samples to choose the epoch; the last epoch is used"
     model.fit(train, robot=robot, validation=validation, seed=seed)
-    for name, value in (("robot_", robot), ("training_range_", TrainingRange.of(train))):
+    training_range = TrainingRange.of(train, robot)
+    for name, value in (("robot_", robot), ("training_range_", training_range)):
         if not hasattr(model, name):  # a plugin's model need not have them
             setattr(model, name, value)
     return model, note

@@ -68,7 +68,7 @@ def _beyond(
     training_range: TrainingRange, robot: Robot, q: FloatArray, wrench: FloatArray
 ) -> Iterator[str]:
     """Yield the farthest value of each quantity that lies beyond the range."""
-    values = TrainingRange.quantities(q, wrench)
+    values = training_range.quantities(q, wrench)
     ends = np.stack([values.min(axis=0), values.max(axis=0)])
     units = np.r_[file_units(robot), 1.0, 1.0]
     lower, upper = (end * units for end in training_range.ends)

@@ -8,7 +8,7 @@ from typing import Literal, Self
 import numpy as np
 
 from stiff_models.fitted_model import FittedModel
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, Samples
 
 AngleEncoding = Literal["sincos", "raw"]
 
@@ -23,13 +23,19 @@ def encode(
     """Return the features of (n, n_joints) positions, rad or m, and (n, 6) wrenches, N and N m.
 
     "sincos" gives sin q, cos q and the wrench: 18 features for six joints. Angles that differ by a
-    full turn are then equal. "raw" gives q and the wrench. Positions of prismatic joints are not
-    changed.
+    full turn are then equal. "raw" gives q and the wrench, and the sine and cosine of endless
+    joints. Positions of prismatic joints are not changed.
     """
-    if angle_encoding == "raw":
+    turned = encoded_joints(robot, angle_encoding)
+    if not turned.any():
         return np.hstack([q, wrench])
-    angles, slides = q[:, robot.turns], q[:, ~robot.turns]
-    return np.hstack([np.sin(angles), np.cos(angles), slides, wrench])
+    angles, others = q[:, turned], q[:, ~turned]
+    return np.hstack([np.sin(angles), np.cos(angles), others, wrench])
+
+
+def encoded_joints(robot: Robot, angle_encoding: AngleEncoding) -> BoolArray:
+    """Return (n_joints,) true for joints whose features are the sine and cosine of the angle."""
+    return robot.endless if angle_encoding == "raw" else robot.turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +84,8 @@ class EncodedModel(FittedModel):
     most learners (a kernel's width, a tube of 0.1) do not suit deflections of 1e-4 m.
 
     Attributes:
-        angle_encoding: "sincos" (sine and cosine of each angle) or "raw" (the angle).
+        angle_encoding: "sincos" (sine and cosine of each angle) or "raw" (the angle, if the joint
+            has limits).
     """
 
     angle_encoding: AngleEncoding = "sincos"

@@ -21,7 +21,7 @@ import torch
 
 from stiff_models.fitted_model import FittedModel
 from stiff_models.io.model_file import key_of
-from stiff_models.networks.encoded_model import AngleEncoding, Scaler
+from stiff_models.networks.encoded_model import AngleEncoding, Scaler, encoded_joints
 from stiff_models.physics.full_vjm import FullVjm, spring_columns
 from stiff_models.physics.multi_segment_vjm import MultiSegmentVjm
 from stiff_models.physics.vjm import VirtualJointModel
@@ -94,9 +94,9 @@ class EncodedNetwork(torch.nn.Module):
         """Store the parts."""
         super().__init__()
         self.network = network
-        self.raw = angle_encoding == "raw"
-        self.turning = robot.turns.nonzero()[0].tolist()
-        self.sliding = (~robot.turns).nonzero()[0].tolist()
+        turned = encoded_joints(robot, angle_encoding)
+        self.turned = turned.nonzero()[0].tolist()
+        self.unchanged = (~turned).nonzero()[0].tolist()
         _register(self, mean=input_scaler.mean, scale=input_scaler.scale)
         _register(self, output_mean=output_scaler.mean, output_scale=output_scaler.scale)
 
@@ -107,12 +107,12 @@ class EncodedNetwork(torch.nn.Module):
         return output.to(torch.float64) * self.output_scale + self.output_mean
 
     def _encoded(self, q: torch.Tensor, wrench: torch.Tensor) -> torch.Tensor:
-        if self.raw:
+        if not self.turned:
             return torch.cat([q, wrench], dim=1)
-        angles = q[:, self.turning]
+        angles = q[:, self.turned]
         parts = [torch.sin(angles), torch.cos(angles)]
-        if self.sliding:
-            parts.append(q[:, self.sliding])
+        if self.unchanged:
+            parts.append(q[:, self.unchanged])
         return torch.cat([*parts, wrench], dim=1)
 
 

@@ -252,7 +252,8 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             (design.q, design.wrench, reference, robot.placements, robot.axes, robot.tcp),
             compute,
             actors=[self],
-            about=f"an output a joint, {self.angle_encoding}, {robot.joint_types}",
+            about=f"an output a joint, {self.angle_encoding}, {robot.joint_types}"
+            + f", endless {robot.endless}" * bool(robot.endless.any()),
         )
         weights = compliance / np.where(reference > 0.0, reference, 1.0)
         self._add_up(trained, weights)

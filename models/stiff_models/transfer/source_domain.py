@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.training_range import in_smallest_arcs
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import unit_deflections
 
@@ -180,7 +181,8 @@ def _poses(
     if design == "paper":
         grid = np.meshgrid(*map(np.deg2rad, _PAPER_GRID_DEG), indexing="ij")
         return np.stack(grid, axis=-1).reshape(-1, len(grid))  # the first joint slowest
-    return _sobol(*joint_ranges(robot, _spanned(train.q, train)), POSE_BUDGET, rng)
+    q = in_smallest_arcs(train.q, robot)
+    return _sobol(*joint_ranges(robot, _spanned(q, train)), POSE_BUDGET, rng)
 
 
 def _wrenches(

@@ -156,6 +156,11 @@ class Robot(ShownObject, SerialChain):
         return np.array([kind == "revolute" for kind in self.joint_types])
 
     @property
+    def endless(self) -> BoolArray:
+        """(n_joints,) true for revolute joints without limits: a whole turn is no other position."""
+        return self.turns & np.isinf(self.lower) & np.isinf(self.upper)
+
+    @property
     def n_slides(self) -> int:
         """Number of prismatic joints at the base, such as a track or a lift: they carry the arm."""
         return int(np.argmax([*self.turns, True]))

@@ -12,7 +12,7 @@ import numpy as np
 from stiff_protocols.contract.arrays import FloatArray, freeze, frozen_array
 from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.types import BoolArray, Interval, Samples
+from stiff_protocols.contract.types import BoolArray, Interval, Robot, Samples
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -35,6 +35,7 @@ POSE_RATE, LOAD_RATE = 2.0, 0.5
 plan. Arms with measurements everywhere did not need it (docs/models.md)."""
 MOST_NEIGHBOURS = 2000
 """Most training poses and loads that are stored, evenly chosen, so that large files stay small."""
+FULL_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,13 +43,15 @@ class TrainingRange(BriefFields):
     """Joint positions and loads of a model's training samples.
 
     Attributes:
-        lower: (n_joints,) smallest joint positions, rad or m.
+        lower: (n_joints,) smallest joint positions, rad or m. Of an endless joint, `lower` and
+            `upper` are the ends of the smallest arc that holds all angles.
         upper: (n_joints,) largest joint positions.
         force: largest force, N.
         torque: largest torque about the TCP, N m.
         poses: (n_poses, n_joints) joint positions, rad or m; at most `MOST_NEIGHBOURS`.
         directions: (n_loads, 6) unit vectors of the nonzero loads, where a torque of 1 N m counts
             as a force of 1 N; at most `MOST_NEIGHBOURS`.
+        endless: numbers of the joints without limits, whose angles are the same by whole turns.
     """
 
     lower: FloatArray
@@ -57,6 +60,7 @@ class TrainingRange(BriefFields):
     torque: float
     poses: FloatArray
     directions: FloatArray
+    endless: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         freeze(self, lower=(None,), upper=(None,))
@@ -68,20 +72,27 @@ class TrainingRange(BriefFields):
         freeze(self, poses=(None, len(self.lower)), directions=(None, 6))
         if not len(self.poses):
             raise DataError("a training range has no poses, expected at least one")
+        if not {*self.endless} <= {*range(len(self.lower))}:
+            raise DataError(
+                f"a training range's endless joints are {self.endless}, expected numbers below "
+                f"{len(self.lower)}"
+            )
 
     @classmethod
-    def of(cls, samples: Samples) -> TrainingRange:
-        """Return the range of some samples, at least one."""
+    def of(cls, samples: Samples, robot: Robot) -> TrainingRange:
+        """Return the range of some samples of a robot, at least one sample."""
         force, torque = _lengths(samples.wrench).max(axis=0)
-        poses = samples.q[np.unique(samples.pose_id, return_index=True)[1]]
+        q = in_smallest_arcs(samples.q, robot)
+        poses = q[np.unique(samples.pose_id, return_index=True)[1]]
         loaded = samples.wrench[samples.wrench.any(axis=1)]
         return cls(
-            samples.q.min(axis=0),
-            samples.q.max(axis=0),
+            q.min(axis=0),
+            q.max(axis=0),
             float(force),
             float(torque),
             _evenly(poses),
             _evenly(_directions(loaded)),
+            tuple(np.flatnonzero(robot.endless).tolist()),
         )
 
     @property
@@ -91,7 +102,11 @@ class TrainingRange(BriefFields):
 
     @cached_property
     def _near_poses(self) -> _Neighbours:
-        return _Neighbours(self.poses)
+        if not self.endless:
+            return _Neighbours(self.poses)
+        period = np.zeros(len(self.lower))  # 0: another number is another position
+        period[[*self.endless]] = FULL_TURN
+        return _Neighbours(self.poses, period)
 
     @cached_property
     def _near_directions(self) -> _Neighbours:
@@ -100,7 +115,7 @@ class TrainingRange(BriefFields):
     def pose_distance(self, q: FloatArray) -> FloatArray:
         """Return the (n,) distances of `q` (n, n_joints) from the nearest training pose, rad or m.
 
-        They are Euclidean, over all joints.
+        They are Euclidean, over all joints, without whole turns of endless joints.
         """
         return self._near_poses.distance(q)
 
@@ -124,6 +139,7 @@ class TrainingRange(BriefFields):
         the usual distance from the nearest training load. Arguments are the same as for
         `quantities`.
         """
+        q = self._next_to_range(q)
         outside = np.maximum(self.lower - q, q - self.upper).max(axis=1, initial=0.0)
         apart = np.maximum(self.pose_distance(q) - self._near_poses.usual, 0.0)
         load = np.maximum(self.load_distance(wrench) - self._near_directions.usual, 0.0)
@@ -134,15 +150,24 @@ class TrainingRange(BriefFields):
         """Lower and upper ends of `quantities`, (n_joints + 2,) each; loads begin at zero."""
         return np.r_[self.lower, 0.0, 0.0], np.r_[self.upper, self.force, self.torque]
 
-    @staticmethod
-    def quantities(q: FloatArray, wrench: FloatArray) -> FloatArray:
+    def quantities(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return (n, n_joints + 2): joint positions, then lengths of force and torque.
+
+        Angles of endless joints are moved by whole turns next to the range.
 
         Args:
             q: (n, n_joints) rad or m.
             wrench: (n, 6) N and N m at the TCP, base frame.
         """
-        return np.hstack([q, _lengths(wrench)])
+        return np.hstack([self._next_to_range(q), _lengths(wrench)])
+
+    def _next_to_range(self, q: FloatArray) -> FloatArray:
+        """Return (n, n_joints) `q`, angles of endless joints at most half a turn from `middle`."""
+        if not self.endless:
+            return q
+        q, joints = q.copy(), [*self.endless]
+        q[:, joints] -= FULL_TURN * np.rint((q[:, joints] - self.middle[joints]) / FULL_TURN)
+        return q
 
     def are_beyond(self, values: FloatArray) -> BoolArray:
         """Return (n, n_joints + 2) true for `quantities` beyond the range; see `extrapolates`."""
@@ -198,9 +223,9 @@ class TrainingRange(BriefFields):
         distance in `usual_distances`. "load" and "load-gap": the same for the lengths of force and
         torque, and for `load_distance`. Each has a least margin or distance.
 
-        A row can have a word of each pair. Angles are not periodic: 350 deg is not -10 deg, since
-        not every model is periodic. Arguments are the same as for `quantities`. DataError: `q` has
-        another number of joints.
+        A row can have a word of each pair. Angles of a joint with limits are not periodic: 350 deg
+        is not -10 deg, since not every model is periodic. Arguments are the same as for
+        `quantities`. DataError: `q` has another number of joints.
         """
         if q.shape[1] != len(self.lower):
             raise DataError(f"a training range of {len(self.lower)} joints, q has {q.shape[1]}")
@@ -227,10 +252,13 @@ class _Neighbours:
             rows.
     """
 
-    def __init__(self, rows: FloatArray) -> None:
+    def __init__(self, rows: FloatArray, period: FloatArray | None = None) -> None:
         from scipy.spatial import cKDTree  # not every use needs it
 
-        self._tree: cKDTree | None = cKDTree(rows) if len(rows) else None
+        if period is not None:  # the tree wraps only the rows of a query
+            turned = rows % FULL_TURN % FULL_TURN  # -1e-20 % 1 is 1
+            rows = np.where(period > 0.0, turned, rows)
+        self._tree: cKDTree | None = cKDTree(rows, boxsize=period) if len(rows) else None
         self.usual = 0.0
         if self._tree is not None and len(rows) > 1:
             distances = self._tree.query(rows, k=[2])[0]  # of the second nearest: itself is first
@@ -241,6 +269,26 @@ class _Neighbours:
         if self._tree is None:
             return np.full(len(rows), 2.0)  # two unit vectors are never farther apart
         return np.asarray(self._tree.query(rows)[0])
+
+
+def in_smallest_arcs(q: FloatArray, robot: Robot) -> FloatArray:
+    """Return `q` (n, n_joints), endless joints by whole turns inside their smallest arc, rad or m.
+
+    The smallest arc of a joint holds all its angles, next to the middle of its smallest and largest
+    angle.
+    """
+    if not robot.endless.any():
+        return q
+    q = q.copy()
+    for joint in np.flatnonzero(robot.endless):
+        around = np.sort(q[:, joint] % FULL_TURN)
+        gaps = np.diff(around, append=around[0] + FULL_TURN)
+        last = int(gaps.argmax())
+        middle = around[(last + 1) % len(around)] + 0.5 * (FULL_TURN - gaps[last])
+        raw_middle = 0.5 * (q[:, joint].min() + q[:, joint].max())
+        middle += FULL_TURN * np.rint((raw_middle - middle) / FULL_TURN)
+        q[:, joint] -= FULL_TURN * np.rint((q[:, joint] - middle) / FULL_TURN)
+    return q
 
 
 def _evenly(rows: FloatArray) -> FloatArray:

@@ -77,7 +77,7 @@ class SplitConformal(StiffnessModel):
         self.model_ = clone(self.model)
         learned = train.take(part.train)
         self.model_.fit(learned, robot=robot, validation=validation, seed=seed)
-        self.training_range_ = TrainingRange.of(learned)
+        self.training_range_ = TrainingRange.of(learned, robot)
         shuffled = np.random.default_rng(seed).permutation(part.validation)
         _, one_a_pose = np.unique(train.pose_id[shuffled], return_index=True)
         calibration = train.take(shuffled[one_a_pose])

@@ -27,7 +27,7 @@ def few_centres(monkeypatch):
 )
 def test_path_and_load_lie_inside_the_training_range_and_can_be_driven(name):
     data = sb.load_dataset(name)
-    training_range = TrainingRange.of(data.samples)
+    training_range = TrainingRange.of(data.samples, data.robot)
     load = training_load(training_range)
     path, words = path_near_training(data.robot, training_range, "square", SIZE, 40, wrench=load)
     middle = 0.5 * (training_range.lower + training_range.upper)
@@ -40,7 +40,7 @@ def test_path_and_load_lie_inside_the_training_range_and_can_be_driven(name):
 
 @pytest.mark.usefixtures("few_centres")
 def test_joints_that_training_never_moved_are_held(twin):
-    training_range = TrainingRange.of(twin.samples)
+    training_range = TrainingRange.of(twin.samples, twin.robot)
     still = training_range.upper == training_range.lower
     assert still.any()
     near, _ = path_near_training(
@@ -58,7 +58,7 @@ def test_joints_that_training_never_moved_are_held(twin):
 @pytest.mark.slow
 @pytest.mark.usefixtures("few_centres")
 def test_a_load_beyond_training_is_counted_and_a_path_that_is_too_large_is_refused(twin):
-    training_range = TrainingRange.of(twin.samples)
+    training_range = TrainingRange.of(twin.samples, twin.robot)
     load = 10.0 * training_load(training_range)
     _, words = path_near_training(twin.robot, training_range, "line", SIZE, 10, wrench=load)
     assert words == ["load"] * 10

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -30,9 +32,13 @@ def test_the_torch_jacobian_is_the_numpy_one(kinds, dtype, tolerance, rng):
     assert np.abs(jacobian.numpy() - truth).max() <= tolerance * np.abs(truth).max()
 
 
+@pytest.mark.parametrize("endless", [False, True])
 @pytest.mark.parametrize("encoding", ["sincos", "raw"])
-def test_an_encoded_network_sees_the_features_that_training_saw(encoding, rng):
+def test_an_encoded_network_sees_the_features_that_training_saw(encoding, endless, rng):
     robot = random_chain(rng, CHAINS[1])
+    if endless:
+        limits = np.array([3.0, 3.0, 3.0, np.inf, 3.0])
+        robot = replace(robot, lower=-limits, upper=limits)
     q, wrench = rng.normal(size=(20, 5)), rng.normal(size=(20, 6))
     features = encode(robot, q, wrench, encoding)
     scalers = Scaler.of(features), Scaler(rng.normal(size=3), rng.uniform(1, 2, size=3))
@@ -43,3 +49,6 @@ def test_an_encoded_network_sees_the_features_that_training_saw(encoding, rng):
         truth = scalers[1].undo(network(inputs).double().numpy())
         outputs = module(torch.tensor(q), torch.tensor(wrench)).numpy()
     np.testing.assert_allclose(outputs, truth, atol=1e-6)
+    if endless:
+        turned = q + 2.0 * np.pi * np.eye(5)[3]
+        np.testing.assert_allclose(encode(robot, turned, wrench, encoding), features, atol=1e-12)

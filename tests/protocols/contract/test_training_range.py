@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from helpers.quick_models import twin_data
 from stiff_protocols.contract.errors import DataError
@@ -18,6 +19,8 @@ from stiff_protocols.contract.training_range import (
 )
 from stiff_protocols.contract.types import Interval, Samples
 
+Z = (0.0, 0.0, 1.0)
+
 
 @pytest.fixture(scope="module")
 def samples():
@@ -25,7 +28,7 @@ def samples():
 
 
 def test_training_samples_and_what_is_a_little_beyond_them_are_inside(samples):
-    training_range = TrainingRange.of(samples)
+    training_range = TrainingRange.of(samples, twin_data().robot)
     assert not any(training_range.extrapolates(samples.q, 1.05 * samples.wrench))
     tenth = 0.09 * (training_range.upper - training_range.lower)
     ends = np.array([training_range.lower - tenth, training_range.upper + tenth])
@@ -36,7 +39,7 @@ def test_training_samples_and_what_is_a_little_beyond_them_are_inside(samples):
 
 
 def test_each_joint_and_load_far_beyond_is_marked(samples):
-    training_range = TrainingRange.of(samples)
+    training_range = TrainingRange.of(samples, twin_data().robot)
     q, wrench = np.tile(samples.q[:1], (6, 1)), np.tile(samples.wrench[:1], (6, 1))
     for end, turn in ((training_range.lower, -1.0), (training_range.upper, 1.0)):
         far_q = np.where(np.eye(6, dtype=bool), end + turn * np.deg2rad(60.0), q)
@@ -56,7 +59,7 @@ def test_a_pose_between_the_training_poses_and_a_load_between_their_directions_a
     q = np.column_stack([near, np.zeros(6)])
     wrench = np.zeros((6, 6))
     wrench[[0, 1, 3], 0] = wrench[[2, 4, 5], 2] = 50.0
-    training_range = TrainingRange.of(samples_with(q, wrench, np.zeros((6, 3))))
+    training_range = TrainingRange.of(samples_with(q, wrench, np.zeros((6, 3))), planar_arm(2, Z))
     np.testing.assert_allclose(training_range.usual_distances, [np.deg2rad(3.0), 0.0], atol=1e-9)
     positions = np.deg2rad([[4.0, 0.0], [45.0, 0.0], [110.0, 0.0], [4.0, 0.0]])
     loads = np.zeros((4, 6))
@@ -80,20 +83,60 @@ def test_a_pose_between_the_training_poses_and_a_load_between_their_directions_a
 
 def test_the_distances_do_not_depend_on_the_number_of_loads_at_a_pose(samples):
     single_range, doubled_range = (
-        TrainingRange.of(samples),
-        TrainingRange.of(Samples.together(samples, samples)),
+        TrainingRange.of(samples, twin_data().robot),
+        TrainingRange.of(Samples.together(samples, samples), twin_data().robot),
     )
     np.testing.assert_allclose(doubled_range.usual_distances[0], single_range.usual_distances[0])
     repeated_samples = samples.take(np.tile(np.arange(len(samples)), 20))
     repeated_samples = replace(
         repeated_samples, pose_id=np.arange(len(repeated_samples)).astype(str)
     )
-    assert len(TrainingRange.of(repeated_samples).poses) == MOST_NEIGHBOURS
+    assert len(TrainingRange.of(repeated_samples, twin_data().robot).poses) == MOST_NEIGHBOURS
+
+
+def endless_range(angles_deg):
+    """Return the range of poses of joint 1, deg, which has no limits; joint 2 stands at 179 deg."""
+    q = np.deg2rad([[angle, 179.0] for angle in angles_deg])
+    robot = replace(planar_arm(2, Z), lower=[-np.inf, -np.pi], upper=[np.inf, np.pi])
+    wrench = np.tile([0.0, 0.0, -50.0, 0.0, 0.0, 0.0], (len(q), 1))
+    return TrainingRange.of(samples_with(q, wrench, np.zeros((len(q), 3))), robot), wrench[:1]
+
+
+@pytest.mark.parametrize(
+    ("angles_deg", "ends_deg"),
+    [
+        ([179.0, -179.0, 175.0, -175.0], [175.0, 185.0]),
+        ([-541.0, 175.0, 181.0, 185.0], [-185.0, -175.0]),
+        ([10.0, 20.0, 350.0], [-10.0, 20.0]),
+        ([730.0, 740.0], [730.0, 740.0]),
+        ([-170.0], [-170.0, -170.0]),
+    ],
+)
+def test_the_range_of_an_endless_joint_is_the_smallest_arc_with_all_angles(angles_deg, ends_deg):
+    training_range, load = endless_range(angles_deg)
+    ends = np.array([training_range.lower, training_range.upper])
+    np.testing.assert_allclose(np.rad2deg(ends), [[ends_deg[0], 179.0], [ends_deg[1], 179.0]])
+    middle = 0.5 * (ends_deg[0] + ends_deg[1])
+    for turns in (-2, 0, 1):
+        q = np.deg2rad([[middle + 360.0 * turns, 179.0]])
+        assert training_range.extrapolates(q, load) == [""]
+        np.testing.assert_allclose(training_range.stretch(q, load), 1.0)
+
+
+def test_a_whole_turn_of_an_endless_joint_changes_no_distance_and_one_of_another_joint_does():
+    training_range, load = endless_range([175.0, 178.0, -179.0, -176.0])
+    np.testing.assert_allclose(np.rad2deg(training_range.usual_distances[0]), 3.0)
+    away = np.array([[-177.0, 179.0], [183.0, 179.0], [-165.0, 179.0], [178.0, -179.0]])
+    q, loads = np.deg2rad(away), np.tile(load, (4, 1))
+    np.testing.assert_allclose(np.rad2deg(training_range.pose_distance(q)), [1.0, 1.0, 11.0, 358.0])
+    stretch = 1.0 + POSE_RATE * np.deg2rad([0.0, 0.0, 11.0, 358.0])
+    np.testing.assert_allclose(training_range.stretch(q, loads), stretch)
+    assert training_range.extrapolates(q, loads) == ["", "", "joints", "joints"]
 
 
 def test_no_load_in_training_makes_every_load_unlike_it():
     training_range = TrainingRange.of(
-        samples_with(np.zeros((2, 2)), np.zeros((2, 6)), np.zeros((2, 3)))
+        samples_with(np.zeros((2, 2)), np.zeros((2, 6)), np.zeros((2, 3))), planar_arm(2, Z)
     )
     loads = np.zeros((2, 6))
     loads[1, 2] = 10.0
@@ -163,6 +206,7 @@ def test_of_an_unusual_torque_the_mark_is_of_the_torque_and_the_width_of_force_a
         ({"poses": np.zeros((3, 3))}, "poses"),
         ({"poses": np.zeros((0, 2))}, "no poses"),
         ({"directions": np.zeros((3, 2))}, "directions"),
+        ({"endless": (2,)}, "endless"),
     ],
 )
 def test_an_invalid_range_is_refused(changes, message):
