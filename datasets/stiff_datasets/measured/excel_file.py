@@ -154,8 +154,43 @@ def _check_size(path: Path, file: BinaryIO) -> None:
     file.seek(0)
 
 
+def _check_places(path: Path, worksheet: Any) -> None:
+    """Check that each row and each cell follows the one before; openpyxl drops others."""
+    from openpyxl.utils.cell import coordinate_to_tuple
+    from openpyxl.worksheet._reader import ROW_TAG
+    from openpyxl.xml.functions import iterparse
+
+    def error(place: str, fault: str) -> DataError:
+        return DataError(
+            f"{path}: sheet {worksheet.title!r}, {place}: {fault} (valid: each row and each cell "
+            "once, in order; save the file again in Excel)"
+        )
+
+    last_row = 0
+    with worksheet._get_source() as source:
+        for _, element in iterparse(source):
+            if element.tag != ROW_TAG:
+                continue
+            number, last_column = int(float(element.get("r", last_row + 1))), 0
+            if number <= last_row or number < 1:
+                fault = "stands twice" if number == last_row else f"stands behind row {last_row}"
+                raise error(f"row {number}", fault)
+            for cell in element:
+                name = cell.get("r", "")
+                row, column = coordinate_to_tuple(name) if name else (number, last_column + 1)
+                if row != number:
+                    raise error(f"row {number}", f"holds the cell {name}")
+                if column <= last_column:
+                    fault = "stands twice" if column == last_column else "stands behind a later one"
+                    raise error(f"row {number}", f"its cell {name} {fault}")
+                last_column = column
+            last_row = number
+            element.clear()
+
+
 def _rows(path: Path, worksheet: Any) -> Iterator[Row]:
     """Yield the rows of a sheet that are not blank."""
+    _check_places(path, worksheet)
     n_cells = 0
     worksheet.reset_dimensions()  # the file may state others than it has
     for number, cells in enumerate(worksheet.rows, start=1):

@@ -145,6 +145,37 @@ def test_an_older_excel_file_or_one_with_a_password_is_named(tmp_path, kr10):
         read_samples(tmp_path / "my.xlsx", kr10)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "row"),
+    [
+        (b'<row r="3">', b'<row r="2">', 2),
+        (b'<row r="3">', b'<row r="02">', 2),
+        (b'<row r="3">', b'<row r="1">', 1),
+        (b'<row r="1">', b'<row r="0">', 0),
+        (b'r="P3"', b'r="P2"', 3),
+        (b'r="P3"', b'r="O3"', 3),
+        (b'r="R3"', b'r="C3"', 3),
+    ],
+    ids=["row twice", "with a zero", "row behind a later", "row 0", "cell of another row"]
+    + ["cell twice", "cell behind a later"],
+)
+def test_rows_and_cells_that_would_replace_others_are_refused_with_sheet_and_row(
+    book, kr10, old, new, row
+):
+    def changed(text):
+        text = re.sub(rb'<row r="(\d)"[^>]*>', rb'<row r="\1">', text)
+        assert old in text
+        return text.replace(old, new, 1)
+
+    with pytest.raises(DataError, match=rf"my\.xlsx: sheet 'Sheet', row {row}\b"):
+        read_samples(book(xml=changed), kr10)
+
+
+def test_rows_and_cells_without_their_place_follow_each_other(book, kr10):
+    path = book(xml=lambda text: re.sub(rb'(<(?:row|c)) r="\w+"', rb"\1", text))
+    np.testing.assert_allclose(read_samples(path, kr10).deflection[:, 0], 0.0005)
+
+
 def repeated(text, part, n):
     return text.replace(b"</sheetData>", part * n + b"</sheetData>")
 
@@ -156,7 +187,7 @@ def repeated(text, part, n):
         (b" " * 2**20, MAX_UNPACKED_BYTES // 2**20),
         (b"<row><c><v>1</v></c></row>" * 1000, MAX_CELLS // 1400),
         (b'<row r="99999999999"><c><v>1</v></c></row>', 1),
-        (b'<row><c r="XFD9"><v>1</v></c></row>', 100),
+        (b"".join(b'<row r="%d"><c r="XFD%d"/></row>' % (i, i) for i in range(9, 109)), 1),
         (b"<x " + b" ".join(b"a%d='1'" % i for i in range(30_000)) + b"/>", 1),
     ],
     ids=["blanks", "rows", "far row", "wide rows", "attributes"],
