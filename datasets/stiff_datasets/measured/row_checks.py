@@ -177,18 +177,14 @@ def _hold_words(names: Sequence[str]) -> str:
 
 def _held_columns_text(sheet: Sheet, robot: Robot) -> str:
     """Return the sentence on columns of the `robot`'s held joints; "" for none."""
-    held = {text.rpartition("=")[0]: text for text in robot.held}
-    next_column = f"q{robot.n_joints + 1}"
-    names = [
-        name
-        for name in sheet.unused
-        if held and (name in held or split_header(name)[0] in {next_column, *held})
-    ]
-    if not names:
+    of_held = {split_header(text.rpartition("=")[0])[0] for text in robot.held}
+    of_more = {f"q{robot.n_joints + 1}", *of_held}
+    names = [name for name in sheet.unused if split_header(name)[0] in of_more]
+    if not (of_held and names):
         return ""
     return (
         f"column {names[0]!r} is of one joint more than the {robot.n_joints} that move with "
-        f"--hold {', '.join(held.values())}: leave out the option or the column"
+        f"--hold {', '.join(robot.held)}: leave out the option or the column"
     )
 
 
@@ -369,16 +365,18 @@ def linked_rows(q_file: FloatArray, tolerance: float, turns: BoolArray) -> IntAr
 
 def pose_doubts(
     pose_id: TextArray,
+    group: TextArray,
     q_file: FloatArray,
     near: IntArray,
     lines: IntArray,
     robot: Robot,
     tolerance: float,
 ) -> tuple[str, ...]:
-    """Describe poses with two names, names that look alike, and poses that are several.
+    """Describe poses with two names, names that look alike, and names of several poses.
 
     Args:
-        pose_id: (n,) names.
+        pose_id: (n,) names of poses.
+        group: (n,) names of groups.
         q_file: (n, n_joints) joint positions, deg, and mm of prismatic joints.
         near: (n,) pose numbers from `linked_rows`.
         lines: (n,) row numbers, for the messages.
@@ -388,24 +386,30 @@ def pose_doubts(
     reach = pose_reach(robot, tolerance)
     texts = (
         _near_poses_text(pose_id, near, lines, reach),
-        _alike_names_text(pose_id, near, lines),
+        _alike_names_text("pose_id", pose_id, near, lines),
+        _alike_names_text("group", group, pd.factorize(group)[0], lines),
         _wide_poses_text(pose_id, q_file, near, robot, tolerance),
     )
     return tuple(filter(None, texts))
 
 
-def _alike_names_text(pose_id: TextArray, near: IntArray, lines: IntArray) -> str:
-    """Describe names of different poses that differ only in blanks, case or zeros; "" for none."""
-    names = pd.DataFrame({"name": pose_id, "near": near, "line": lines}).drop_duplicates("name")
+def _alike_names_text(column: str, name: TextArray, near: IntArray, lines: IntArray) -> str:
+    """Describe names of a column that differ only in blanks, case or zeros; "" for none.
+
+    `near` (n,) numbers what is named: two names of one pose do not count.
+    """
+    names = pd.DataFrame({"name": name, "near": near, "line": lines}).drop_duplicates("name")
     names["key"] = [_name_key(name) for name in names["name"]]
     alike = names[names.groupby("key")["near"].transform("nunique") > 1]
     if alike.empty:
         return ""
     pair = alike[alike["key"] == alike["key"].iloc[0]].iloc[:2]
     example = " and ".join(f"{name!r} (row {line})" for name, _, line, _ in pair.to_numpy())
+    what = column.removesuffix("_id")
     return (
-        f"{len(alike)} pose_ids differ from another only in blanks, case or zeros, such as "
-        f"{example}; a split may put one pose on both sides: write the name of a pose always alike"
+        f"{len(alike)} {column}s differ from another only in blanks, case or zeros, such as "
+        f"{example}; a split may put one {what} on both sides: write the name of a {what} always "
+        "alike"
     )
 
 

@@ -170,7 +170,8 @@ def doubts_of_samples(
     """
     q_file = samples.q * file_units(robot)
     near = linked_rows(q_file, tolerance, robot.turns)
-    return pose_doubts(samples.pose_id, q_file, near, np.arange(len(samples)), robot, tolerance)
+    rows = np.arange(len(samples))
+    return pose_doubts(samples.pose_id, samples.group, q_file, near, rows, robot, tolerance)
 
 
 def _samples(checked: CheckedSamples, hint: str) -> Samples:
@@ -280,7 +281,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
         samples = replace(samples, deflection=frame.to_base(samples.deflection), after=after)
         note = f"positions registered to the base: their frame is {frame.text}; deflections turned"
         sheet = replace(sheet, notes=(*sheet.notes, note))
-    doubts = pose_doubts(pose_id, q_file, near, sheet.lines, robot, options.pose_tolerance)
+    doubts = pose_doubts(pose_id, group, q_file, near, sheet.lines, robot, options.pose_tolerance)
     outside_limits = outside_limits_text(sheet, q_file, robot)
     return CheckedSamples(sheet, problems, samples, unfilled, doubts, outside_limits, positions)
 

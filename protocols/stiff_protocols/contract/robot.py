@@ -157,7 +157,7 @@ class Robot(ShownObject, SerialChain):
 
     @property
     def endless(self) -> BoolArray:
-        """(n_joints,) true for revolute joints without limits: a whole turn is no other position."""
+        """(n_joints,) true for revolute joints without limits: whole turns are the same pose."""
         return self.turns & np.isinf(self.lower) & np.isinf(self.upper)
 
     @property

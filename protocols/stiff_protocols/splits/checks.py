@@ -8,7 +8,10 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Samples, Split
+from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot, Split
+
+DECIMALS = 9
+"""Of sines and cosines, and of m: a file in degrees rounds angles by 1e-15."""
 
 
 def named(split: Split) -> str:
@@ -106,8 +109,8 @@ def check_source(word: str, source: BenchmarkData, dataset: str, target: Benchma
             f"{target.robot.name!r} of {dataset!r} has {_joints(target.robot)} (valid: a robot "
             "with the same joints, base to tip)"
         )
-    held = {row.tobytes() for row in _numbers(source.samples)}
-    common = sum(row.tobytes() in held for row in _numbers(target.samples))
+    held = {row.tobytes() for row in _numbers(source)}
+    common = sum(row.tobytes() in held for row in _numbers(target))
     if common:
         raise ConfigError(
             f"source {word!r} holds {common} of the {len(target.samples)} samples of its target "
@@ -122,6 +125,9 @@ def _joints(robot: Robot) -> str:
     return f"{robot.n_joints} joints ({of})"
 
 
-def _numbers(samples: Samples) -> FloatArray:
-    """Return (n, .) poses, loads and deflections; adding 0.0 makes -0.0 and 0.0 one number."""
-    return np.hstack([samples.q, samples.wrench, samples.deflection]) + 0.0
+def _numbers(data: BenchmarkData) -> FloatArray:
+    """Return (n, .) poses, loads and deflections, the same for whole turns and rounded angles."""
+    samples, turns = data.samples, data.robot.turns
+    angles, slides = samples.q[:, turns], samples.q[:, ~turns]
+    poses = np.hstack([np.sin(angles), np.cos(angles), slides]).round(DECIMALS)
+    return np.hstack([poses, samples.wrench, samples.deflection]) + 0.0  # -0.0 is 0.0

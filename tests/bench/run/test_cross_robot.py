@@ -126,6 +126,13 @@ def test_a_source_that_holds_but_one_sample_of_the_target_is_refused(fanuc, ur5)
     check_source("ur5-twin", ur5, "fanuc", fanuc)
 
 
+def test_a_source_with_the_targets_samples_by_another_turn_or_rounding_is_refused(fanuc):
+    for shift in (2.0 * np.pi * np.eye(6)[5], np.full(6, -2e-16)):
+        turned = replace(fanuc.samples, q=fanuc.samples.q + shift)
+        with pytest.raises(ConfigError, match="holds 43 of the 43 samples"):
+            check_source("turned", BenchmarkData(turned, fanuc.robot), "fanuc", fanuc)
+
+
 def test_a_source_with_other_joints_is_refused(rng, fanuc, ur5):
     five = random_chain(rng, ("revolute",) * 5)
     fewer = BenchmarkData(replace(ur5.samples, q=ur5.samples.q[:, :5]), five)

@@ -156,8 +156,7 @@ def test_an_older_excel_file_or_one_with_a_password_is_named(tmp_path, kr10):
         (b'r="P3"', b'r="O3"', 3),
         (b'r="R3"', b'r="C3"', 3),
     ],
-    ids=["row twice", "with a zero", "row behind a later", "row 0", "cell of another row"]
-    + ["cell twice", "cell behind a later"],
+    ids=["twice", "with a zero", "late", "row 0", "of another row", "cell twice", "late cell"],
 )
 def test_rows_and_cells_that_would_replace_others_are_refused_with_sheet_and_row(
     book, kr10, old, new, row

@@ -199,6 +199,13 @@ def test_alike_names_of_poses_beyond_the_tolerance_are_a_suspicion(repeats, kr10
         read_samples(tmp_path / "my.csv", kr10)
 
 
+def test_alike_names_of_groups_are_a_suspicion(repeats, kr10, tmp_path):
+    table = repeats.drop_duplicates("pose_id").iloc[:4].assign(load_id="1")
+    table.assign(group=["near", "Near ", "far", "far"]).to_csv(tmp_path / "my.csv", index=False)
+    with pytest.warns(StiffBenchWarning, match=r"2 groups differ .*'near' \(row 2\) and 'Near'"):
+        read_samples(tmp_path / "my.csv", kr10)
+
+
 def test_a_slow_motion_that_links_all_rows_to_one_pose_is_a_suspicion(repeats, kr10, tmp_path):
     table = pd.concat([repeats.iloc[[0]]] * 60).assign(q1_deg=10.0 + 0.04 * np.arange(60))
     table.drop(columns=NAMES).to_csv(tmp_path / "my.csv", index=False)

@@ -279,7 +279,7 @@ def test_a_file_with_fewer_joints_than_the_chain_names_them_and_what_to_do(
     assert ("--hold j7=VALUE" in message, "--hold j1=VALUE" in message) == (tip, still)
 
 
-@pytest.mark.parametrize("column", ["q7_deg", "rail", "rail_mm", "rail [mm]"])
+@pytest.mark.parametrize("column", ["q7_deg", "rail", "rail_mm", "rail [mm]", "Lift axis [mm]"])
 def test_a_column_of_a_held_joint_is_refused_by_name(tmp_path, rng, column):
     path = tmp_path / "my.csv"
     path.write_text(f"{HEADER},{column}\n{GOOD},3\n")
@@ -287,7 +287,7 @@ def test_a_column_of_a_held_joint_is_refused_by_name(tmp_path, rng, column):
     with pytest.warns(StiffBenchWarning, match="columns not used"):
         read_samples(path, robot)
     with pytest.raises(DataError) as error:
-        read_samples(path, replace(robot, held=("rail=3 mm",)))
+        read_samples(path, replace(robot, held=("rail=3 mm", "lift_axis=5 mm")))
     assert f"'{column}'" in str(error.value) and "--hold rail=3 mm" in str(error.value)
 
 
