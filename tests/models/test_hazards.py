@@ -22,6 +22,7 @@ from helpers.made_hazards import HAZARDS, Case
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ModelError, StiffBenchError, StiffBenchWarning
+from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.scoring.sanity import warn_of_rows
 from stiff_protocols.splits.random_splits import Holdout
 
@@ -122,6 +123,7 @@ def pairwise() -> set[tuple[str, str]]:
 
 
 FAST = pairwise()
+TURNED_FAST = ("knn", "vjm", "mlp")
 
 
 @pytest.mark.parametrize(
@@ -131,6 +133,30 @@ FAST = pairwise()
 def test_a_model_works_or_says_what_is_wrong_with_the_samples(variant, hazard, healthy):
     case = HAZARDS[hazard](healthy)
     assert re.match(expected(hazard, variant), outcome(tiny_model(variant), case))
+
+
+@pytest.mark.parametrize(
+    "variant",
+    [pytest.param(v, marks=[pytest.mark.slow] * (v not in TURNED_FAST)) for v in VARIANTS],
+)
+def test_a_whole_turn_of_an_endless_joint_changes_no_prediction_and_no_interval(variant, healthy):
+    turns = 2.0 * np.pi * np.array([1, 0, 0, -2, 0, 1])
+    limits = np.where(turns == 0.0, healthy.robot.upper, np.inf)
+    robot = replace(healthy.robot, lower=-limits, upper=limits)
+    test = healthy.test.take(np.arange(10))
+    model = tiny_model(variant)
+    if "angle_encoding" in model.get_params():
+        model.set_params(angle_encoding="raw")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StiffBenchWarning)
+        model.fit(healthy.train, robot=robot)
+    predicted, turned = (model.predict(q, test.wrench) for q in (test.q, test.q + turns))
+    np.testing.assert_allclose(turned, predicted, rtol=0, atol=1e-9)
+    if offers(type(model), "predict_interval"):
+        widths = [
+            model.predict_interval(q, test.wrench, 0.9).half_width for q in (test.q, test.q + turns)
+        ]
+        np.testing.assert_allclose(*widths, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("hazard", HAZARDS)

@@ -13,6 +13,7 @@ from stiff_bench.tables.units import MM, first_few
 from stiff_bench.tables.writers import plain_text
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.plugin import DatasetInfo
+from stiff_protocols.contract.training_range import in_smallest_arcs
 from stiff_protocols.contract.types import AXES, BenchmarkData, FloatArray
 
 COUNTING_SHARE = 0.05
@@ -115,6 +116,7 @@ def _joints(data: BenchmarkData) -> Table:
     """Return ranges of position and torque, and limits, of each joint."""
     robot, on_joints = data.robot, load_torque(data.robot, data.samples)
     weights = robot.gravity_torque(data.samples.q) if robot.masses.any() else None
+    q = in_smallest_arcs(data.samples.q, robot)
     rows: list[list[Entry]] = []
     for i, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_types, strict=True)):
         factor, units = (MM, "mm, N") if kind == "prismatic" else (180.0 / np.pi, "deg, N m")
@@ -123,7 +125,7 @@ def _joints(data: BenchmarkData) -> Table:
             [
                 name,
                 units,
-                _range(factor * data.samples.q[:, i]),
+                _range(factor * q[:, i]),
                 _range(limits) if np.isfinite(limits).any() else None,
                 _range(on_joints[:, i]),
                 None if weights is None else _range(weights[:, i]),

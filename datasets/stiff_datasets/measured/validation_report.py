@@ -67,6 +67,7 @@ from stiff_datasets.measured.unloaded_positions import Comparison, compare_posit
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.screen import Screen, printable
+from stiff_protocols.contract.training_range import in_smallest_arcs
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import Identified, identify, typical_joints
 
@@ -355,7 +356,8 @@ def _content_findings(samples: Samples, robot: Robot, no_torque: bool) -> Iterat
     if samples.after.size:
         stays = np.linalg.norm(samples.after, axis=1) * MM_PER_M
         yield fact("after the load", f"{stays.mean():.3g} mm stay, at most {stays.max():.3g} mm")
-    units, q = file_units(robot), samples.q * file_units(robot)
+    units = file_units(robot)
+    q = in_smallest_arcs(samples.q, robot) * units
     for i, column in enumerate(joint_columns(robot)):
         unit = column.rpartition("_")[2]
         limits = f"{robot.lower[i] * units[i]:.4g} to {robot.upper[i] * units[i]:.4g}"

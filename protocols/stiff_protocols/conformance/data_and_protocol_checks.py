@@ -17,7 +17,7 @@ from stiff_protocols.contract.types import (
     Split,
     StiffnessDataset,
 )
-from stiff_protocols.splits.checks import first_fault, named
+from stiff_protocols.splits.checks import first_fault, named, pose_numbers
 
 LARGEST_WRENCH = 1e5  # N or N m; the largest robots carry some 2e4 N
 LARGEST_ANGLE = 8.0 * np.pi  # rad; a joint turns a few times at most, and 90 deg is more
@@ -70,6 +70,18 @@ class DatasetChecks:
         if not SMALLEST_DEFLECTION <= deflection <= LARGEST_DEFLECTION:
             raise Failed(f"the largest deflection is {deflection:g} m; check that it is not in mm")
         return f"wrench up to {wrench:.3g} N or N m, deflection up to {1e3 * deflection:.3g} mm"
+
+    def a_pose_has_one_name(self) -> str:
+        """Give the rows of a pose one pose_id; whole turns of a joint are the same pose."""
+        samples, robot = self._loaded().samples, self._loaded().robot
+        poses, of_row = np.unique(pose_numbers(samples.q, robot), axis=0, return_inverse=True)
+        pairs = {*zip(of_row.ravel().tolist(), samples.pose_id.tolist(), strict=True)}
+        if len(pairs) > len(poses):
+            raise NotApplicable(
+                f"warning: {len(poses)} different joint positions have {len(pairs)} names; a split "
+                "may put one pose on both sides"
+            )
+        return f"{len({*samples.pose_id.tolist()})} poses"
 
     def a_robot_that_answers_new_poses_is_the_one_that_was_measured(self) -> str:
         """Return the same robot's (n, 3) deflection [m] from each under_load(q, wrench)."""

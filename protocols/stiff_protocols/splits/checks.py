@@ -125,9 +125,15 @@ def _joints(robot: Robot) -> str:
     return f"{robot.n_joints} joints ({of})"
 
 
+def pose_numbers(q: FloatArray, robot: Robot) -> FloatArray:
+    """Return (n, .) numbers of poses `q` (n, n_joints), rad or m, the same for whole turns."""
+    angles, slides = q[:, robot.turns], q[:, ~robot.turns]
+    poses = np.hstack([np.sin(angles), np.cos(angles), slides])
+    return np.asarray(poses.round(DECIMALS) + 0.0)  # -0.0 is 0.0
+
+
 def _numbers(data: BenchmarkData) -> FloatArray:
-    """Return (n, .) poses, loads and deflections, the same for whole turns and rounded angles."""
-    samples, turns = data.samples, data.robot.turns
-    angles, slides = samples.q[:, turns], samples.q[:, ~turns]
-    poses = np.hstack([np.sin(angles), np.cos(angles), slides]).round(DECIMALS)
-    return np.hstack([poses, samples.wrench, samples.deflection]) + 0.0  # -0.0 is 0.0
+    """Return (n, .) poses, loads and deflections."""
+    samples = data.samples
+    loads = np.hstack([samples.wrench, samples.deflection]) + 0.0
+    return np.hstack([pose_numbers(samples.q, data.robot), loads])

@@ -156,6 +156,14 @@ def test_rows_that_differ_by_whole_turns_are_one_pose_without_names(turned, kr10
     assert len(pairs) == len(set(samples.pose_id)) == 10
 
 
+def test_the_range_of_an_endless_joint_is_stated_without_whole_turns(turned, kr10, tmp_path):
+    turned.assign(load_id=range(30)).to_csv(tmp_path / "my.csv", index=False)
+    lower, upper = np.r_[kr10.lower[:5], -np.inf], np.r_[kr10.upper[:5], np.inf]
+    robot = replace(kr10, lower=lower, upper=upper)
+    facts = [fact.message for fact in validate(tmp_path / "my.csv", robot).facts]
+    assert sum("joint A6: -180 to -180 deg" in fact for fact in facts) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "second"),

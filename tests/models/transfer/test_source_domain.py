@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from helpers.made_robots import random_chain
+from helpers.made_robots import planar_arm, random_chain
+from helpers.made_samples import samples_with
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_models.transfer.pretrained_mlp import MlpPretrained
 from stiff_models.transfer.source_domain import (
@@ -53,6 +56,16 @@ def test_another_robots_source_spans_its_own_poses_and_loads_rounded_outwards():
         loads.min(axis=0)[:3]
         < measured_loads.min(axis=0)[:3] + 0.01 * np.ptp(measured_loads[:, :3], axis=0)
     ).all()
+
+
+@pytest.mark.usefixtures("small_source")
+def test_the_source_of_an_endless_joint_spans_the_smallest_arc_of_its_angles(rng):
+    robot = replace(planar_arm(2, (0.0, 0.0, 1.0)), lower=[-np.inf] * 2, upper=[np.inf] * 2)
+    q = np.deg2rad(np.column_stack([rng.uniform(170.0, 190.0, 40), rng.uniform(0.0, 40.0, 40)]))
+    wrapped = (q + np.pi) % (2.0 * np.pi) - np.pi
+    samples = samples_with(wrapped, rng.normal(size=(40, 6)), np.zeros((40, 3)))
+    spans = np.ptp(source_design("sobol", "uniform", robot, samples, 0).q, axis=0)
+    assert (np.rad2deg(spans) <= [30.0, 45.0]).all()
 
 
 def test_ranges_hold_all_samples_in_steps_of_15_degrees_and_of_1_2_5(rng):

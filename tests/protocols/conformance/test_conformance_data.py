@@ -9,7 +9,7 @@ import pytest
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_protocols.conformance.data_and_protocol_checks import check_dataset, check_protocol
-from stiff_protocols.contract.types import BenchmarkData, Split
+from stiff_protocols.contract.types import BenchmarkData, Samples, Split
 from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.splits.extrapolation import SpaceTransfer
 from stiff_protocols.splits.random_splits import Holdout, PaperHoldout
@@ -113,9 +113,22 @@ def test_a_data_set_in_mm_or_of_chance_fails(fanuc):
     *checks, answers = check_dataset(FanucR2000iC)
     assert all(check.status == "passed" for check in checks)
     assert answers.status == "not applicable"
-    chance, units, _ = check_dataset(Loads)
+    chance, units, *_ = check_dataset(Loads)
     assert (chance.status, units.status) == ("failed", "passed")
     assert "check that it is not in mm" in check_dataset(InMillimetres)[1].reason
+
+
+def test_a_data_set_that_names_a_pose_of_another_turn_as_another_pose_gets_a_warning(fanuc):
+    class TwoNames:
+        def load(self):
+            rows = fanuc.samples.take(np.array([0]))
+            turned = replace(rows, q=rows.q - 2.0 * np.pi * np.eye(6)[5], pose_id=["other"])
+            samples = Samples.together(fanuc.samples, turned)
+            return replace(fanuc, samples=samples)
+
+    names = {check.name: check for check in check_dataset(TwoNames)}
+    assert names["a pose has one name"].status == "not applicable"
+    assert names["a pose has one name"].reason.startswith("warning: 43 different joint positions")
 
 
 @pytest.mark.parametrize(
