@@ -29,8 +29,8 @@ def encode(
     turned = encoded_joints(robot, angle_encoding)
     if not turned.any():
         return np.hstack([q, wrench])
-    angles, others = q[:, turned], q[:, ~turned]
-    return np.hstack([np.sin(angles), np.cos(angles), others, wrench])
+    angles, plain_positions = q[:, turned], q[:, ~turned]
+    return np.hstack([np.sin(angles), np.cos(angles), plain_positions, wrench])
 
 
 def encoded_joints(robot: Robot, angle_encoding: AngleEncoding) -> BoolArray:
