@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 
+from helpers.made_robots import planar_arm
 from helpers.made_samples import samples_with
 from stiff_protocols.contract.errors import ModelError, NotFittedError
 from stiff_protocols.scoring.conformal import SplitConformal, calibration_samples_needed
 
 ONE_ROW, TWO_ROWS = [(np.full((n, 6), 5.0), np.zeros((n, 6))) for n in (1, 2)]  # rows to predict
+ROBOT = planar_arm(6, (0.0, 0.0, 1.0))
 
 
 class RecordingZero(BaseEstimator):
@@ -31,7 +33,7 @@ def samples(deflection, poses=None):
 
 
 def fit_conformal(train, **options):
-    return SplitConformal(RecordingZero(), **options).fit(train, robot=None, seed=3)
+    return SplitConformal(RecordingZero(), **options).fit(train, robot=ROBOT, seed=3)
 
 
 @pytest.mark.parametrize(("coverage", "n_poses"), [(0.9, 44), (0.75, 20)])
@@ -75,7 +77,7 @@ def test_no_pose_both_teaches_and_calibrates_and_validation_rows_only_validate(r
     train = samples(deflection, np.repeat(np.arange(20), 3))
     validation = samples(rng.normal(size=(4, 3)) + 100.0)
     template = RecordingZero()
-    model = SplitConformal(template).fit(train, robot=None, validation=validation, seed=3)
+    model = SplitConformal(template).fit(train, robot=ROBOT, validation=validation, seed=3)
     train_rows, validation_rows, seed = model.model_.given_
     assert validation_rows is validation and seed == 3
     errors = {tuple(row) for row in np.abs(train_rows.deflection).tolist()}
@@ -109,6 +111,6 @@ def test_intervals_of_no_fit_of_more_coverage_and_of_nan_are_refused(rng):
     with pytest.raises(NotFittedError, match="call fit"):
         SplitConformal(RecordingZero()).predict_interval(*ONE_ROW, 0.9)
     with pytest.raises(ModelError, match="not finite"):
-        SplitConformal(Nowhere()).fit(train, robot=None)
+        SplitConformal(Nowhere()).fit(train, robot=ROBOT)
     with pytest.raises(ModelError, match=r"0\.95 needs at least 19 calibration samples, there are"):
         fit_conformal(train).predict_interval(*ONE_ROW, 0.95)
