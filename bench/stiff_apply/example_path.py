@@ -63,8 +63,8 @@ def example_path(
         robot: robot that drives the path: a shipped name or a `Robot`; by default the model's
             robot, or the KR10.
         model: fitted model; its robot drives the path.
-        hold: joint of a robot with more than six joints that is held at a value in deg or mm, by
-            name or number (rail, J3, 3); may be repeated.
+        hold: joint of a URDF, or of a robot with more than six joints, that is held at a value in
+            deg or mm, by name or number (rail, J3, 3); may be repeated.
 
     Raises:
         NotFittedError: the model is not fitted.
@@ -120,7 +120,6 @@ def drivable_path(
     Raises:
         DataError: no place was found where the robot can drive the path.
     """
-    reach = np.linalg.norm(robot.placements[robot.n_slides + 1 :, :3, 3], axis=1).sum()
     stands = robot.forward(np.zeros((1, robot.n_joints)) if held is None else np.nan_to_num([held]))
     (base,) = robot.arm_base(stands.points)
     outwards = robot.axes[-1] * (-1.0 if robot.axes[-1] @ robot.tcp < 0.0 else 1.0)
@@ -130,7 +129,7 @@ def drivable_path(
         driven: list[tuple[float, ToolPath]] = []
         for angle in (0.0, 90.0, 180.0, 270.0):
             turned = (Rotation.from_euler("z", angle, degrees=True) * down).as_matrix()
-            centre = base + reach * np.array([x, 0.0, z])
+            centre = base + robot.reach * np.array([x, 0.0, z])
             path = shaped(shape, centre, size, n_points, rotation=turned, wrench=wrench)
             followed = follow(
                 robot, path.position[sample_rows], path.rotation[sample_rows], held=held

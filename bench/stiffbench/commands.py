@@ -34,6 +34,7 @@ from stiff_bench.parameter_types import (
     Folder,
     Form,
     Frames,
+    HeldJoints,
     Picture,
     Seed,
     Setting,
@@ -132,6 +133,17 @@ def _predict(model: sb.Model, output: FilePath, **options: Any) -> str:
             return file.read_text(encoding="utf-8").removesuffix("\n")
     robot = model.fitted.robot_.name
     return f"{output}: {counted(n_rows, 'row')} predicted by {model.name}, robot {robot}"
+
+
+def _example(
+    output: FilePath,
+    robot: sb.Robot | None = None,
+    model: sb.Model | None = None,
+    hold: HeldJoints | None = None,
+    **options: Any,
+) -> object:
+    held = hold if robot is None else None  # `name_robot` has held the joints of a URDF
+    return sb.example_path(output, robot=robot, model=model, hold=held, **options)
 
 
 def _compensate(
@@ -516,6 +528,7 @@ COMMANDS = {
             "path example",
             "example_path",
             "--shape circle --size 300mm --output circle.csv\n--model my.stiff --output square.csv",
+            _example,
         ),
         Command(
             "path compensate",

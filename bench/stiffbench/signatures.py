@@ -23,6 +23,8 @@ from stiffbench.options import MAKERS
 
 ARGUMENTS = ("kind", "number", "name", "key", "file", "a", "b", "folder", "folders")
 """Parameters that are given by their place; all others are options."""
+SHARED = {"hold"}
+"""Options of a command that the functions of its other options read, too."""
 SPELLINGS = {
     **{"settings": "set", "equivalence_mm": "equivalence", "fmt": "format"},
     **{"results": "results", "plan_only": "plan"},
@@ -189,7 +191,7 @@ class CommandFunction:
             self.options |= {option.name: option for option in options if option.maker is None}
             for option in options:
                 if (maker := option.maker) is not None:
-                    made = CommandFunction(maker, without={*without, *self.options})
+                    made = CommandFunction(maker, without={*without, *self.options} - SHARED)
                     self.makers[option.name] = made, option.default is not REQUIRED
 
     def all_options(self) -> dict[str, Option]:
@@ -209,7 +211,7 @@ class CommandFunction:
             if name in given
         }
         for name, (maker, has_default) in self.makers.items():
-            if not has_default or given.keys() & maker.all_options().keys():
+            if not has_default or given.keys() & maker.all_options().keys() - self.options.keys():
                 values[name] = maker(given)
         return self.function(*first, **values)
 

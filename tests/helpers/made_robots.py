@@ -83,7 +83,7 @@ def tree_urdf(path: Path, joints: str) -> Path:
     """Write a URDF whose joints are lines "parent child type", with options.
 
     These are `x=`, `y=`, `z=` (m; of a moving joint z=0.2), `axis=` (x, y or z, the default),
-    `limits=low..high` and `mimic=JOINT`. Joints are called to_CHILD, links have 1 kg.
+    `limits=low..high` and `mimic=JOINT` with `multiplier=` and `offset=`. Joints are called to_CHILD, links have 1 kg.
     """
     parts, links = [], dict.fromkeys(["base"])
     for line in filter(None, map(str.strip, joints.splitlines())):
@@ -95,7 +95,11 @@ def tree_urdf(path: Path, joints: str) -> Path:
         axis = " ".join(str(int(k == given.get("axis", "z"))) for k in "xyz")
         low, high = given["limits"].split("..") if "limits" in given else LIMITS.get(kind, (0, 0))
         limit = f'<limit lower="{low}" upper="{high}" effort="9" velocity="9"/>'
-        mimic = f'<mimic joint="{given["mimic"]}"/>' if "mimic" in given else ""
+        rule = {"joint": given.get("mimic")} | {
+            key: given[key] for key in ("multiplier", "offset") if key in given
+        }
+        words = [f'{key}="{value}"' for key, value in rule.items()]
+        mimic = f"<mimic {' '.join(words)}/>" if "mimic" in given else ""
         parts.append(
             f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/>'
             f'<child link="{child}"/><origin xyz="{" ".join(xyz)}"/><axis xyz="{axis}"/>'

@@ -81,7 +81,7 @@ def shipped_name(robot: Robot) -> str:
     for name, shipped in shipped_robots().items():
         if shipped.urdf == robot.name:
             shipped_robot = shipped.robot()
-            geometry = ("placements", "axes", "lower", "upper")
+            geometry = ("placements", "axes", "lower", "upper", "mimics")
             if all(
                 np.array_equal(getattr(shipped_robot, attribute), getattr(robot, attribute))
                 for attribute in geometry
@@ -92,7 +92,8 @@ def shipped_name(robot: Robot) -> str:
 
 def same_geometry(robot: Robot, model_robot: Robot) -> bool:
     """Return whether two robots have the same joints, links and TCP."""
-    return robot.joint_types == model_robot.joint_types and all(
+    joints = [(of.joint_types, of.mimics) for of in (robot, model_robot)]
+    return joints[0] == joints[1] and all(
         np.allclose(getattr(robot, name), getattr(model_robot, name), atol=1e-9)
         for name in ("placements", "axes", "tcp")
     )

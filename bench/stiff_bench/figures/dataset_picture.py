@@ -166,7 +166,7 @@ def _draw_torques(page: SubFigure, data: BenchmarkData) -> None:
     kinds = zip(robot.joint_names, robot.joint_types, strict=True)
     joints = [f"{name} [N]" if kind == "prismatic" else name for name, kind in kinds]
     torques = {"load (Jᵀw)": load_torque(data.robot, data.samples)}
-    if robot.masses.any():
+    if robot.has_masses:
         torques["weight of the links"] = robot.gravity_torque(data.samples.q)
     width = 0.7 / len(torques)
     middle = np.arange(len(joints)) - width * (len(torques) - 1) / 2.0

@@ -45,6 +45,7 @@ from stiff_protocols.contract.types import (
     BOUND_NAMES,
     TRUTHS,
     BenchmarkData,
+    ChainJoint,
     FloatArray,
     Interval,
     Prediction,
@@ -680,9 +681,12 @@ def _marks(entries: Sequence[object]) -> str:
 _OF_ROBOT = "robot "
 """How the names of the robot's fields begin in the archive."""
 _ROBOT_ARRAYS = tuple(
-    item.name for item in fields(Robot) if item.name not in ("controller", "held", "stand")
+    item.name
+    for item in fields(Robot)
+    if item.name not in ("controller", "held", "stand", "mimics")
 )
-"""Fields of a robot that results need."""
+"""Fields of a robot that results need, with `_MIMICS` where it has such joints."""
+_MIMICS = TypeAdapter(tuple[ChainJoint, ...])
 
 
 def data_content(data: BenchmarkData) -> bytes:
@@ -690,6 +694,8 @@ def data_content(data: BenchmarkData) -> bytes:
     names = ("instrument_noise", *data.samples.columns)
     arrays = {name: getattr(data.samples, name) for name in names}
     arrays |= {f"{_OF_ROBOT}{name}": getattr(data.robot, name) for name in _ROBOT_ARRAYS}
+    if data.robot.mimics:
+        arrays[f"{_OF_ROBOT}mimics"] = np.array(_MIMICS.dump_json(data.robot.mimics).decode())
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)
     return file.getvalue()
@@ -712,6 +718,8 @@ def stored_data(content: bytes) -> StoredData:
             of_robot: dict[str, Any] = {
                 name: arrays[f"{_OF_ROBOT}{name}"] for name in _ROBOT_ARRAYS
             }
+            if (mimics := f"{_OF_ROBOT}mimics") in arrays:
+                of_robot["mimics"] = _MIMICS.validate_json(str(arrays[mimics]))
         of_robot["name"] = str(of_robot["name"])
         joints = {name: tuple(of_robot[name].tolist()) for name in ("joint_names", "joint_types")}
         return StoredData(samples, Robot(**(of_robot | joints)))

@@ -115,7 +115,7 @@ def _lie(data: BenchmarkData) -> Table:
 def _joints(data: BenchmarkData) -> Table:
     """Return ranges of position and torque, and limits, of each joint."""
     robot, on_joints = data.robot, load_torque(data.robot, data.samples)
-    weights = robot.gravity_torque(data.samples.q) if robot.masses.any() else None
+    weights = robot.gravity_torque(data.samples.q) if robot.has_masses else None
     q = in_smallest_arcs(data.samples.q, robot)
     rows: list[list[Entry]] = []
     for i, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_types, strict=True)):

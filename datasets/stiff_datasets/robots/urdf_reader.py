@@ -3,11 +3,12 @@
 A description may be a tree: grippers, hands, heads, wheels, second arms. The robot is the chain
 from the base to one link, the tip. All other joints are locked, and the links behind them are
 merged into the link that carries them; so are joints of the chain that are held at a position, and
-mimic joints that follow them. The default tip is the end of the longest chain: the chain
-with most moving joints, without fingers (`_fingers`). Of several ends, a usual name (`TIP_NAMES`)
-comes first, then a link that is not a helper (`HELPER_NAMES`), then the link farthest from
-the last moving joint, then the largest number of fixed joints before the end, then the last in the
-file.
+mimic joints that follow them. Other mimic joints of the chain move with the joint that they follow
+(`Robot.mimics`): their mechanism, such as a parallelogram, is rigid. The default tip is the end of
+the longest chain: the chain with most independent joints, without fingers (`_fingers`). Of several
+ends, a usual name (`TIP_NAMES`) comes first, then a link that is not a helper (`HELPER_NAMES`),
+then the link farthest from the last moving joint, then the largest number of fixed joints before
+the end, then the last in the file.
 
 A file is read if ROS and Pinocchio read it, also where it is not strict XML: see `_urdf_text`.
 """
@@ -36,7 +37,7 @@ from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name, warn
 from stiff_protocols.contract.files import other_content
 from stiff_protocols.contract.robot import UNLIMITED_RAD
-from stiff_protocols.contract.types import FloatArray, JointType, Robot
+from stiff_protocols.contract.types import ChainJoint, FloatArray, JointType, Robot
 from stiff_protocols.paths.inverse import held_position, joint_number
 
 LONGEST_TCP_M = 5.0
@@ -87,7 +88,7 @@ class ChainModel:
     """A serial chain as a Pinocchio model and as a `Robot`.
 
     Attributes:
-        model: Pinocchio model, fixed base.
+        model: Pinocchio model, fixed base; mimic joints move in it like others.
         robot: the same chain without Pinocchio.
         notes: choices that the description leaves open, one sentence each.
     """
@@ -118,7 +119,7 @@ def read_chain(
         ConfigError: no link has the name `tip` or `base`, a joint cannot be held, or the direction
             of gravity in `base` is open.
         DataError: the file is not a URDF, a joint of the chain is neither revolute nor prismatic or
-            mimics another joint that moves, or limits are reversed or in degrees.
+            mimics a joint that is not on the chain, or limits are reversed or in degrees.
     """
     tree, mimics, controller = _parse(urdf)
     frame, notes = _chosen_tip(tree, mimics, urdf, tip)
@@ -136,12 +137,14 @@ def read_chain(
     if not path:
         place = f" between the base and the link {tip or frame.name!r}" * bool(tip or base or hold)
         raise DataError(f"{urdf}: no moving joint{place}; a stiffness model needs at least one")
-    for name in (tree.names[joint] for joint in path):
-        if name in mimics:
+    names = [tree.names[joint] for joint in path]
+    rules = {name: _rule(mimics, name) for name in names if name in mimics}
+    for name, rule in rules.items():
+        if rule.joint not in names or rule.joint in mimics:
             raise DataError(
                 f"{urdf}: joint {name!r} on the chain to {frame.name!r} is a mimic joint, which "
-                f"follows {mimics[name].joint!r}; only independent joints are supported, and "
-                f"joints that stand still: --hold {mimics[name].joint}=VALUE"
+                f"follows {rule.joint!r}; it can follow a joint of the chain, or a joint that "
+                f"stands still: --hold {rule.joint}=VALUE"
             )
     offset = np.asarray(tcp, dtype=np.float64)
     if offset.shape != (3,) or not np.isfinite(offset).all() or abs(offset).max() > LONGEST_TCP_M:
@@ -172,10 +175,20 @@ def read_chain(
         if controller is not None:
             world = start.actInv(pin.SE3(controller.world)).homogeneous
             controller = replace(controller, world=world)
+    independent = [joint for joint in (*ahead, *chain) if tree.names[joint] not in mimics]
+    if controller is not None and len(controller.signs) == len(independent):
+        moves = [joint in path for joint in independent]
+        if controller.j3_from_ground and not all(moves[:3]):
+            raise DataError(
+                f"{urdf}: <controller> counts joint 3 from the ground, and one of joints 1 to 3 "
+                "does not move (valid: signs and zeros_deg of the moving joints only)"
+            )
+        signs, zeros = controller.signs[moves], controller.zeros[moves]
+        controller = replace(controller, signs=signs, zeros=zeros)
     flange = model.frames[model.getFrameId(frame.name, pin.FrameType.BODY)].placement
     try:
         robot = replace(
-            _robot(model, flange, offset),
+            _robot(model, flange, offset, rules),
             controller=controller,
             held=tuple(_position_text(tree, joint, fixed[joint]) for joint in fixed),
             stand=start.actInv(stand),
@@ -184,12 +197,14 @@ def read_chain(
         raise DataError(f"{urdf}: {error}") from error
     unlimited = [
         name
-        for name, low, joint in zip(robot.joint_names, robot.lower, model.joints[1:], strict=True)
-        if joint.nq == 1 and np.isinf(low)
+        for name, low in zip(robot.joint_names, robot.lower, strict=True)
+        if model.joints[model.getJointId(name)].nq == 1 and np.isinf(low)
     ]
     for doubt in filter(None, (robot.mass_doubt, robot.limit_doubt)):
         warn(f"{urdf}: {doubt}")
     notes += [lock_note] if lock_note else []
+    followers = [f"{mimic.name} follows {mimics[mimic.name].joint}" for mimic in robot.mimics]
+    notes += [f"mimic joints: {_listed(followers)}"] if followers else []
     zero_text = f"limits 0..0, and beyond +-{UNLIMITED_RAD:g} rad, count as none"
     notes += [f"{zero_text}: {_listed(unlimited)}"] if unlimited else []
     return ChainModel(model, robot, tuple(f"{urdf.name}: {note}" for note in notes))
@@ -200,38 +215,67 @@ def read_robot(urdf: Path, **options: Any) -> Robot:
     return read_chain(urdf, **options).robot
 
 
-def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray) -> Robot:
+def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray, rules: Mapping[str, Mimic]) -> Robot:
     """Return a chain without Pinocchio; `tcp` (3,) m in the frame of the flange.
+
+    `rules`: mimic joint -> its rule, which names an independent joint.
 
     Raises:
         DataError: joints, limits or numbers are invalid; Pinocchio also accepts NaN.
     """
-    joints, kinds, axes, limits = range(1, model.njoints), [], [], []
-    for joint in joints:
+    names = [name for name in [*model.names][1:] if name not in rules]
+    joints, limits = list[ChainJoint](), dict[str, tuple[float, float]]()
+    for joint in range(1, model.njoints):
         name, (kind, axis) = model.names[joint], joint_type_and_axis(model, joint)
-        low, high = _limits(model, joint)
+        rule = rules.get(name, Mimic(name, 1.0, 0.0))
+        inertia = model.inertias[joint]
+        joints.append(
+            ChainJoint(
+                kind,
+                tuple(map(tuple, model.jointPlacements[joint].homogeneous.tolist())),
+                tuple(axis.tolist()),
+                inertia.mass,
+                tuple(inertia.lever.tolist()),
+                names.index(rule.joint),
+                sum(not earlier.name for earlier in joints),
+                rule.multiplier,
+                rule.offset,
+                name if name in rules else "",
+            )
+        )
+        limits[name] = _limits(model, joint)
+    for name, (low, high) in limits.items():
         if not low < high:
             raise DataError(
                 f"joint {name!r} has limits {low:g}..{high:g}; expected lower below upper (or type "
                 "continuous, which has no limits)"
             )
-        kinds.append(kind)
-        axes.append(axis)
-        limits.append((low, high))
-    lower, upper = np.transpose(limits)
+    for name, rule in rules.items():  # the mimic joint's limits are also its master's
+        (low, high), ends = limits[rule.joint], np.array(limits[name])
+        if rule.multiplier:
+            first, last = sorted((ends - rule.offset) / rule.multiplier)
+            limits[rule.joint] = low, high = max(low, first), min(high, last)
+        if not low < high:
+            raise DataError(
+                f"the limits of joint {rule.joint!r} and of the mimic joint {name!r}, which "
+                "follows it, exclude each other"
+            )
+    lower, upper = np.transpose([limits[name] for name in names])
+    own = [joint for joint in joints if not joint.name]
     return Robot(
         name=model.name,
-        joint_names=tuple(model.names[joint] for joint in joints),
-        joint_types=tuple(kinds),
-        placements=np.stack([model.jointPlacements[joint].homogeneous for joint in joints]),
-        axes=np.stack(axes),
+        joint_names=tuple(names),
+        joint_types=tuple(joint.joint_type for joint in own),
+        placements=np.array([joint.placement for joint in own]),
+        axes=np.array([joint.axis for joint in own]),
         lower=lower,
         upper=upper,
-        masses=np.array([model.inertias[joint].mass for joint in joints]),
-        centres_of_mass=np.stack([model.inertias[joint].lever for joint in joints]),
+        masses=np.array([joint.mass for joint in own]),
+        centres_of_mass=np.array([joint.centre_of_mass for joint in own]),
         tcp=flange.act(tcp),
         gravity=model.gravity.linear,
         flange=flange.homogeneous,
+        mimics=tuple(joint for joint in joints if joint.name),
     )
 
 
@@ -516,7 +560,7 @@ def _held_joints(
 ) -> dict[int, float]:
     """Return joint -> position, rad or m, of held joints and of all joints that follow them.
 
-    `hold`: deg or mm by name, or by number in the chain `path`.
+    `hold`: deg or mm by name, or by number among the independent joints of the chain `path`.
 
     Raises:
         ConfigError: a joint is unknown, held twice, follows another or has several degrees of
@@ -527,8 +571,8 @@ def _held_joints(
     held = dict[int, float]()
     for name, value in hold.items():
         try:
-            of_chain = [tree.names[joint] for joint in path]
-            joint = numbers.get(name) or path[joint_number(of_chain, name)]
+            of_chain = [tree.names[joint] for joint in path if tree.names[joint] not in mimics]
+            joint = numbers.get(name) or numbers[of_chain[joint_number(of_chain, name)]]
         except ConfigError as error:
             raise ConfigError(f"{urdf}: {error}", "hold") from error
         full_name = tree.names[joint]
@@ -541,18 +585,27 @@ def _held_joints(
             text = f"has {tree.joints[joint].nv} degrees of freedom (valid: one)"
             raise ConfigError(f"{name}: {full_name} {text}", "hold")
         held[joint] = held_position(name, value, not _slides(tree, joint), *_limits(tree, joint))
-    for name, mimic in mimics.items():  # in turn: a mimic joint may follow another
-        factor, offset, names = 1.0, 0.0, [name]
-        while names[-1] in mimics and len(names) == len({*names}):
-            mimic = mimics[names[-1]]
-            factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
-            names.append(mimic.joint)
-        joint, followed = numbers.get(name, 0), numbers.get(names[-1], 0)
+    for name in mimics:
+        rule = _rule(mimics, name)
+        if not np.isfinite([rule.multiplier, rule.offset]).all():
+            raise DataError(f"{urdf}: mimic joint {name!r}: its numbers are not finite")
+        joint, followed = numbers.get(name, 0), numbers.get(rule.joint, 0)
         if joint and followed in held and tree.joints[joint].nv == 1:
-            held[joint] = factor * held[followed] + offset
-            if not np.isfinite(held[joint]):
-                raise DataError(f"{urdf}: mimic joint {name!r}: its numbers are not finite")
+            held[joint] = rule.multiplier * held[followed] + rule.offset
     return held
+
+
+def _rule(mimics: Mapping[str, Mimic], name: str) -> Mimic:
+    """Return the rule of a mimic joint by an independent joint: it may follow another mimic joint.
+
+    In a circle of mimic joints the rule names one of them.
+    """
+    factor, offset, names = 1.0, 0.0, [name]
+    while names[-1] in mimics and len(names) == len({*names}):
+        mimic = mimics[names[-1]]
+        factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
+        names.append(mimic.joint)
+    return Mimic(names[-1], factor, offset)
 
 
 def _limits(tree: pin.Model, joint: int) -> tuple[float, float]:

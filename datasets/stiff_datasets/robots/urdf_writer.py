@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
 
@@ -28,24 +29,33 @@ def robot_urdf(robot: Robot) -> str:
     `robot.tcp_on_flange` in the frame of the last link ``tip``. The controller and the inertias,
     which models do not use, are omitted.
     """
-    links = ["base", *(f"link{i + 1}" for i in range(robot.n_joints)), "tip"]
+    joints = robot.chain_joints
+    links = ["base", *(f"link{i + 1}" for i in range(len(joints))), "tip"]
     lines = [f'<robot name="{escape(robot.name)}">']
-    weights = [(0.0, np.zeros(3)), *zip(robot.masses, robot.centres_of_mass, strict=True)]
-    for link, (mass, centre) in zip(links, [*weights, (0.0, np.zeros(3))], strict=True):
+    weights = [(joint.mass, joint.centre_of_mass) for joint in joints]
+    no_weight = (0.0, (0.0, 0.0, 0.0))
+    for link, (mass, centre) in zip(links, [no_weight, *weights, no_weight], strict=True):
         lines.append(f'  <link name="{link}"{_inertial(mass, centre)}')
-    for i, kind in enumerate(robot.joint_types):
-        low, high = float(robot.lower[i]), float(robot.upper[i])
+    for i, joint in enumerate(joints):
+        kind, master = joint.joint_type, escape(robot.joint_names[joint.master])
+        low, high = float(robot.lower[joint.master]), float(robot.upper[joint.master])
+        mimic = (
+            f'<mimic joint="{master}" multiplier="{joint.multiplier!r}" offset="{joint.offset!r}"/>'
+        )
+        if joint.name:  # the master has its limits
+            low, high = -np.inf, np.inf
         is_free = not np.isfinite([low, high]).all()
         if is_free and kind == "prismatic":
             low, high = max(low, -MAX_SLIDE_M), min(high, MAX_SLIDE_M)
         written_kind = "continuous" if is_free and kind == "revolute" else kind
         limit = f'<limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>'
         lines += [
-            f'  <joint name="{escape(robot.joint_names[i])}" type="{written_kind}">',
+            f'  <joint name="{escape(joint.name) or master}" type="{written_kind}">',
             f'    <parent link="{links[i]}"/><child link="{links[i + 1]}"/>',
-            f"    {_origin(robot.placements[i])}",
-            f'    <axis xyz="{_numbers(robot.axes[i])}"/>',
+            f"    {_origin(np.array(joint.placement))}",
+            f'    <axis xyz="{_numbers(joint.axis)}"/>',
             *([] if written_kind == "continuous" else [f"    {limit}"]),
+            *([f"    {mimic}"] if joint.name else []),
             "  </joint>",
         ]
     lines += [
@@ -58,7 +68,7 @@ def robot_urdf(robot: Robot) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _inertial(mass: float, centre: FloatArray) -> str:
+def _inertial(mass: float, centre: Iterable[float]) -> str:
     if not mass:
         return "/>"
     inertia = '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
@@ -73,5 +83,5 @@ def _origin(placement: FloatArray) -> str:
     return f'<origin xyz="{_numbers(placement[:3, 3])}" rpy="{_numbers(angles)}"/>'
 
 
-def _numbers(values: FloatArray) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)

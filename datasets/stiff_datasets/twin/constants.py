@@ -306,6 +306,11 @@ class TwinConstants(TomlTable):
                 chain = read_chain(file, tcp=self.tcp_m, tip=self.tip)
         except (ConfigError, DataError) as error:
             raise DataError(f"{self._path}: {error}") from error
+        if chain.robot.mimics:
+            raise DataError(
+                f"{self._path}: {self.urdf}: {chain.robot.mimics[0].name} is a mimic joint, which "
+                "a twin does not simulate (valid: independent joints)"
+            )
         kinds = chain.robot.joint_types
         tables = tuple(map(_joint_kind, self.joint))
         if tables != kinds:
@@ -324,7 +329,7 @@ class TwinConstants(TomlTable):
                 f"{self._path}: {len(self.beams.segment)} tables [[beams.segment]] for "
                 f"{len(kinds)} joints (valid: {len(kinds) + 1}, from the base to the TCP)"
             )
-        if not chain.robot.masses.any():
+        if not chain.robot.has_masses:
             raise DataError(
                 f"{self._path}: no link of {self.urdf} has a mass; a twin needs them, because the "
                 "weight preloads its gears (valid: <inertial> in every <link>)"

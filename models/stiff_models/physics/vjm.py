@@ -3,7 +3,8 @@
 With the Jacobian J at the TCP and its translational rows J_v, the deflection under a wrench w is
 ``d = J_v K^-1 J^T w = sum_i J_v,i (J_i^T w) c_i``, which is linear in the compliances
 ``c_i = 1/k_i``. They are identified by least squares, with a prior for compliances that the samples
-cannot determine (`stiff_protocols.springs.identification`).
+cannot determine (`stiff_protocols.springs.identification`). A mimic joint has no spring: it follows
+its joint rigidly.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ def warn_unidentifiable(springs: IdentifiedSprings, samples: str = "training sam
 
 def warn_no_masses(robot: Robot) -> None:
     """Warn that gears have no preload if the robot's masses are unknown."""
-    if not robot.masses.any():
+    if not robot.has_masses:
         warn(
             f"robot {robot.name!r} has no masses: its springs are fitted without gravity preload; "
             "add the masses to the robot's description"

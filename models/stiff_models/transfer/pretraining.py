@@ -253,7 +253,8 @@ class PretrainedModel(SourceModel, EncodedNetworkModel):
             compute,
             actors=[self],
             about=f"an output a joint, {self.angle_encoding}, {robot.joint_types}"
-            + f", endless {robot.endless}" * bool(robot.endless.any()),
+            + f", endless {robot.endless}" * bool(robot.endless.any())
+            + f"{robot.mimics or ''}",
         )
         weights = compliance / np.where(reference > 0.0, reference, 1.0)
         self._add_up(trained, weights)

@@ -10,7 +10,7 @@ from stiff_protocols.contract.arrays import BoolArray, FloatArray, freeze
 from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.screen import Screen, ShownObject
-from stiff_protocols.kinematics.chain_formulas import JointType
+from stiff_protocols.kinematics.chain_formulas import ChainJoint, JointType
 from stiff_protocols.kinematics.serial_chain import SerialChain
 
 STANDARD_GRAVITY = 9.81
@@ -53,7 +53,7 @@ class Robot(ShownObject, SerialChain):
         lower, upper: (n_joints,) joint limits, rad or m; infinite without limits.
         masses: (n_joints,) mass between each joint and the next joint, kg.
         centres_of_mass: (n_joints, 3) its centre of mass in the joint's frame, m.
-        tcp: (3,) tool centre point in the last joint's frame, m.
+        tcp: (3,) tool centre point in the last joint's frame, m; `mimics` count as joints here.
         gravity: (3,) acceleration of gravity in the base frame, m/s2.
         flange: (4, 4) pose of the robot description's last link in the last joint's frame, m: the
             usual frame for a TCP. No number depends on it.
@@ -61,6 +61,8 @@ class Robot(ShownObject, SerialChain):
         held: joints of its description that were fixed at a position when it was read, such as
             "rail=500 mm"; its placements have these positions.
         stand: (3,) where the arm stands on held slides at the base, base frame, m.
+        mimics: joints of the chain that follow one of its joints, from the base to the tip. A
+            placement is then in the frame of the joint or mimic joint before it.
     """
 
     name: str
@@ -82,6 +84,7 @@ class Robot(ShownObject, SerialChain):
     stand: FloatArray = field(
         default_factory=lambda: np.zeros(3), metadata={"shapes_no_result": True}
     )
+    mimics: tuple[ChainJoint, ...] = field(default=(), metadata={"hashed_where_stated": True})
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
@@ -95,11 +98,18 @@ class Robot(ShownObject, SerialChain):
                 raise DataError(f"robot {self.name!r}: {name} limits are {limits}, expected {n}")
             limits.flags.writeable = False
             object.__setattr__(self, name, limits)
-        if not np.allclose(np.linalg.norm(self.axes, axis=1), 1.0, atol=1e-9):
-            lengths = ", ".join(f"{length:g}" for length in np.linalg.norm(self.axes, axis=1))
+        axis_lengths = np.linalg.norm([joint.axis for joint in self.chain_joints], axis=1)
+        if not np.allclose(axis_lengths, 1.0, atol=1e-9):
+            lengths = ", ".join(f"{length:g}" for length in axis_lengths)
             raise DataError(
                 f"robot {self.name!r}: joint axes must have unit length, here {lengths}"
             )
+        for mimic in self.mimics:
+            if not (mimic.name and 0 <= mimic.before <= n and 0 <= mimic.master < n):
+                raise DataError(
+                    f"robot {self.name!r}: mimic joint {mimic.name!r} follows joint {mimic.master} "
+                    f"and has {mimic.before} joints before it (valid: joints of 0..{n - 1})"
+                )
         self._check_sizes()
         self._check_limits()
         if self.controller is not None and len(self.controller.signs) != n:
@@ -110,11 +120,17 @@ class Robot(ShownObject, SerialChain):
 
     def _check_sizes(self) -> None:
         """Check that no mass is negative and that placements are poses within `LONGEST_M`."""
-        if (self.masses < 0.0).any():
-            raise DataError(f"robot {self.name!r}: masses are {self.masses} kg, expected >= 0")
-        for name, placement in zip(
-            (*self.joint_names, "the flange"), (*self.placements, self.flange), strict=True
-        ):
+        joints = self.chain_joints
+        masses, centres = zip(
+            *((joint.mass, joint.centre_of_mass) for joint in joints), strict=True
+        )
+        if min(masses) < 0.0:
+            raise DataError(f"robot {self.name!r}: masses are {masses} kg, expected >= 0")
+        placements = {
+            joint.name or self.joint_names[joint.master]: np.array(joint.placement)
+            for joint in joints
+        }
+        for name, placement in (placements | {"the flange": self.flange}).items():
             turn, longest = placement[:3, :3], np.abs(placement[:3, 3]).max()
             if longest > LONGEST_M:
                 raise DataError(
@@ -123,7 +139,7 @@ class Robot(ShownObject, SerialChain):
                 )
             if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0.0:
                 raise DataError(f"robot {self.name!r}: the placement of {name} is not a rotation")
-        if max(np.abs(self.tcp).max(), np.abs(self.centres_of_mass).max()) > LONGEST_M:
+        if max(np.abs(self.tcp).max(), np.abs(centres).max()) > LONGEST_M:
             raise DataError(
                 f"robot {self.name!r}: the TCP or a centre of mass is farther than {LONGEST_M:g} m "
                 "from its joint; lengths are in m, not mm"
@@ -174,11 +190,21 @@ class Robot(ShownObject, SerialChain):
         return points[:, slides - 1] if slides else np.tile(self.stand, (len(points), 1))
 
     @property
+    def reach(self) -> float:
+        """Length of the arm from its first turning joint to the last joint, m."""
+        places = [joint.placement for joint in self.chain_joints if joint.before > self.n_slides]
+        return float(np.linalg.norm(np.reshape(places, (-1, 4, 4))[:, :3, 3], axis=1).sum())
+
+    @property
+    def has_masses(self) -> bool:
+        """Return whether a link between its joints and its tip has a mass."""
+        return any(joint.mass for joint in self.chain_joints)
+
+    @property
     def mass_doubt(self) -> str:
         """Question on the unit of its masses, if the turning joints' links cannot have them; ""."""
-        mass = float(self.masses[self.turns].sum())
-        lengths = np.linalg.norm(self.placements[self.n_slides + 1 :, :3, 3], axis=1)
-        length = float(lengths.sum() + np.linalg.norm(self.flange[:3, 3]))
+        turning = [joint.mass for joint in self.chain_joints if joint.joint_type == "revolute"]
+        mass, length = sum(turning), self.reach + float(np.linalg.norm(self.flange[:3, 3]))
         low, high = (limit * length**3 for limit in USUAL_KG_PER_M3)
         if mass > max(high, LIGHTEST_IN_GRAMS_KG):
             return f"the moving links weigh {mass:.0f} kg: are the masses of the URDF in grams?"
@@ -204,7 +230,8 @@ class Robot(ShownObject, SerialChain):
     @property
     def summary(self) -> str:
         """Name, number of joints, held joints and mass in a line."""
-        return f"{self.joints_text}, {self.masses.sum():.1f} kg"
+        mass = sum(joint.mass for joint in self.chain_joints)
+        return f"{self.joints_text}, {mass:.1f} kg"
 
     @property
     def tcp_text(self) -> str:

@@ -24,6 +24,7 @@ from stiff_protocols.contract.brief_fields import BriefFields
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.robot import Robot as Robot
 from stiff_protocols.contract.screen import Screen, ShownObject
+from stiff_protocols.kinematics.chain_formulas import ChainJoint as ChainJoint
 from stiff_protocols.kinematics.chain_formulas import JointType as JointType
 
 AXES = ("x", "y", "z")

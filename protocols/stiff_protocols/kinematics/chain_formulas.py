@@ -25,13 +25,38 @@ Component = Any
 Vector = Sequence[Component]
 """Components along x, y, z."""
 
-Column = tuple[Vector, Vector]
-"""Column of a Jacobian: translation [m/rad or m/m] and rotation of the TCP by one joint."""
-
 CosSin = Callable[[Component], tuple[Component, Component]]
 
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class ChainJoint:
+    """A joint of a chain: an independent one, or a mimic joint that follows an independent one.
+
+    Attributes:
+        joint_type: "revolute" or "prismatic".
+        placement: (4, 4) pose of its frame in the frame of the chain's joint before, row by row, m.
+        axis: unit axis in its own frame.
+        mass: mass between it and the chain's next joint, kg.
+        centre_of_mass: centre of this mass in its frame, m.
+        master: number, from 0, of the independent joint that moves it; an independent joint's own.
+        before: number of independent joints before it in the chain.
+        multiplier, offset: its position is `multiplier` times the master's, plus `offset`; rad, m.
+        name: name of a mimic joint; "" for an independent joint.
+    """
+
+    joint_type: JointType
+    placement: tuple[tuple[float, ...], ...]
+    axis: tuple[float, ...]
+    mass: float
+    centre_of_mass: tuple[float, ...]
+    master: int
+    before: int
+    multiplier: float = 1.0
+    offset: float = 0.0
+    name: str = ""
 
 
 class ChainGeometry:
@@ -44,6 +69,24 @@ class ChainGeometry:
     centres_of_mass: FloatArray
     tcp: FloatArray
     gravity: FloatArray
+    mimics: tuple[ChainJoint, ...]
+
+    @property
+    def chain_joints(self) -> list[ChainJoint]:
+        """All joints from the base to the tip: the independent joints and `mimics`."""
+        joints = [
+            ChainJoint(
+                kind,
+                tuple(map(tuple, self.placements[i].tolist())),
+                tuple(self.axes[i].tolist()),
+                float(self.masses[i]),
+                tuple(self.centres_of_mass[i].tolist()),
+                master=i,
+                before=i,
+            )
+            for i, kind in enumerate(self.joint_types)
+        ]
+        return sorted([*self.mimics, *joints], key=lambda joint: joint.before)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +100,7 @@ class Link:
         prismatic: true if the joint slides.
         mass: mass between the joint and the next joint, kg.
         centre: its centre of mass in the joint's moved frame, m.
+        joint: the joint, which may be a mimic joint.
     """
 
     axes: tuple[Vector, ...]
@@ -65,6 +109,12 @@ class Link:
     prismatic: bool
     mass: float
     centre: Vector
+    joint: ChainJoint
+
+    @property
+    def own(self) -> int:
+        """Number of the joint's own motion among the six of `virtual_jacobian`."""
+        return 5 if self.prismatic else 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +139,9 @@ class Chain:
         gravity: acceleration in the base frame, m/s2.
         cos_sin: returns the cosine and the sine of an angle [rad].
 
-    In the methods `q` holds one component a joint, rad or m, and `compliance` one a joint,
-    rad/(N m) or m/N.
+    In the methods `q` holds one component an independent joint, rad or m, and `compliance` one an
+    independent joint, rad/(N m) or m/N. A mimic joint is coupled rigidly to its master: it has no
+    spring of its own, and its motion and torque are parts of the master's.
     """
 
     links: tuple[Link, ...]
@@ -103,16 +154,17 @@ class Chain:
         """Rewrite a robot."""
         links = []
         basis = np.eye(3)  # the previous joint's z-aligned frame, seen from its own URDF frame
-        for i, placement in enumerate(robot.placements):
-            aligned = _basis_with_z(robot.axes[i])
+        for joint in robot.chain_joints:
+            placement, aligned = np.array(joint.placement), _basis_with_z(np.array(joint.axis))
             links.append(
                 Link(
                     axes=tuple((basis.T @ placement[:3, :3] @ aligned).T.tolist()),
                     own_axes=tuple(aligned.tolist()),
                     offset=(basis.T @ placement[:3, 3]).tolist(),
-                    prismatic=robot.joint_types[i] == "prismatic",
-                    mass=float(robot.masses[i]),
-                    centre=(aligned.T @ robot.centres_of_mass[i]).tolist(),
+                    prismatic=joint.joint_type == "prismatic",
+                    mass=joint.mass,
+                    centre=(aligned.T @ np.array(joint.centre_of_mass)).tolist(),
+                    joint=joint,
                 )
             )
             basis = aligned
@@ -120,9 +172,9 @@ class Chain:
         return cls(tuple(links), tcp, gravity, cos_sin)
 
     def frames(self, q: Sequence[Component]) -> Iterator[Frame]:
-        """Yield every joint's moved frame."""
+        """Yield the moved frame of every joint, also of mimic joints."""
         frame = Frame(ORIGIN, AXES)
-        for link, position in zip(self.links, q, strict=True):
+        for link, position in zip(self.links, self._positions(q), strict=True):
             origin = frame.point(link.offset)
             x, y, z = (_out_of(frame.axes, axis) for axis in link.axes)
             if link.prismatic:
@@ -136,16 +188,23 @@ class Chain:
             frame = Frame(origin, (x, y, z))
             yield frame
 
+    def _positions(self, q: Sequence[Component]) -> list[Component]:
+        """Return the position of every link's joint."""
+        joints = [link.joint for link in self.links]
+        return [_sum(_times(joint.multiplier, q[joint.master]), joint.offset) for joint in joints]
+
     def poses(self, q: Sequence[Component]) -> list[Component]:
         """Return the components of all joints' origins, of the TCP, and of all rotations.
 
-        n_joints x 3, 3, then n_joints x 3 x 3 row by row, of the joints' frames as the robot has
-        them.
+        n_joints x 3, 3, then n_joints x 3 x 3 row by row, of the independent joints' frames as the
+        robot has them, and the 3 x 3 of the tool.
         """
         frames = list(self.frames(q))
-        origins = [component for frame in frames for component in frame.origin]
-        turned = map(_rotation, self.links, frames)
-        return [*origins, *frames[-1].point(self.tcp), *chain.from_iterable(turned)]
+        turned = list(map(_rotation, self.links, frames))
+        own = [i for i, link in enumerate(self.links) if not link.joint.name]
+        origins = [component for i in own for component in frames[i].origin]
+        rotations = chain.from_iterable(turned[i] for i in (*own, -1))
+        return [*origins, *frames[-1].point(self.tcp), *rotations]
 
     def tcp_position(self, q: Sequence[Component]) -> Vector:
         """Return the TCP [m], base frame."""
@@ -168,21 +227,37 @@ class Chain:
         """Return the 6 x n_joints x 6 components of the virtual joints' Jacobian, row by row."""
         return _by_rows(chain.from_iterable(self._virtual_columns(q)))
 
-    def _columns(self, q: Sequence[Component]) -> list[Column]:
-        return [
-            columns[5 if link.prismatic else 2]  # along or about z
-            for link, columns in zip(self.links, self._virtual_columns(q), strict=True)
-        ]
+    def _columns(self, q: Sequence[Component]) -> list[Vector]:
+        return self._own(self._virtual_columns(q))
 
-    def _virtual_columns(self, q: Sequence[Component]) -> list[list[Column]]:
+    def _virtual_columns(self, q: Sequence[Component]) -> list[list[Vector]]:
         """Return each joint's columns: turns about, then slides along, the moved frame's axes."""
         frames = list(self.frames(q))
         tcp = frames[-1].point(self.tcp)
-        return [
-            [(_cross(axis, _minus(tcp, frame.origin)), axis) for axis in frame.axes]
-            + [(axis, ORIGIN) for axis in frame.axes]
+        return self._by_joint(
+            [(*_cross(axis, _minus(tcp, frame.origin)), *axis) for axis in frame.axes]
+            + [(*axis, *ORIGIN) for axis in frame.axes]
             for frame in frames
-        ]
+        )
+
+    def _by_joint(self, parts: Iterable[list[Vector]]) -> list[list[Vector]]:
+        """Return the six parts of each independent joint from the six parts of every link.
+
+        A mimic joint's own part, times its multiplier, is added to the master's own part.
+        """
+        pairs = list(zip(self.links, parts, strict=True))
+        masters = [(link, six) for link, six in pairs if not link.joint.name]
+        for link, six in pairs:
+            if link.joint.name:
+                master, sums = masters[link.joint.master]
+                moved = _scaled(link.joint.multiplier, six[link.own])
+                sums[master.own] = _plus(sums[master.own], moved)
+        return [six for _, six in masters]
+
+    def _own(self, parts: Iterable[list[Vector]]) -> list[Vector]:
+        """Return each independent joint's own part of its six: along or about z."""
+        own = [link.own for link in self.links if not link.joint.name]
+        return [six[k] for k, six in zip(own, parts, strict=True)]
 
     def deflection(
         self,
@@ -197,33 +272,36 @@ class Chain:
         ``m_z + (p x f)_z``, and its turn moves the TCP by ``(-p_y, p_x, 0)``. `wrench` holds N and
         N m at the TCP, base frame.
         """
+        positions = self._positions(q)
         motions = [
             (0.0, 0.0) if link.prismatic else self.cos_sin(position)
-            for link, position in zip(self.links, q, strict=True)
+            for link, position in zip(self.links, positions, strict=True)
         ]
         arms = []  # the TCP in each joint's frame before its motion; of a slide, x and y count
         tcp = self.tcp
-        for link, position, motion in reversed(list(zip(self.links, q, motions, strict=True))):
+        moves = list(zip(self.links, positions, motions, strict=True))
+        for link, position, motion in reversed(moves):
             tcp = (*tcp[:2], _sum(tcp[2], position)) if link.prismatic else _turned(tcp, motion)
             arms.append(tcp)
             tcp = _plus(link.offset, _out_of(link.axes, tcp))
         arms.reverse()
 
-        bent = []
+        loads: list[Component] = [0.0] * len(compliance)
         force, torque = wrench[:3], wrench[3:]
-        for link, motion, arm, c in zip(self.links, motions, arms, compliance, strict=True):
+        for link, motion, arm in zip(self.links, motions, arms, strict=True):
             force, torque = _into(link.axes, force), _into(link.axes, torque)
-            if link.prismatic:
-                bent.append(_times(c, force[2]))
-                continue
-            swung = _less(_times(arm[0], force[1]), _times(arm[1], force[0]))
-            bent.append(_times(c, _sum(torque[2], swung)))
-            force, torque = _turned_back(force, motion), _turned_back(torque, motion)
+            load = force[2]
+            if not link.prismatic:
+                swung = _less(_times(arm[0], force[1]), _times(arm[1], force[0]))
+                load = _sum(torque[2], swung)
+                force, torque = _turned_back(force, motion), _turned_back(torque, motion)
+            master = link.joint.master
+            loads[master] = _sum(loads[master], _times(link.joint.multiplier, load))
+        bent = [_times(c, load) for c, load in zip(compliance, loads, strict=True)]
 
         moved: Vector = ORIGIN
-        for link, motion, arm, turn in reversed(
-            list(zip(self.links, motions, arms, bent, strict=True))
-        ):
+        for link, motion, arm in reversed(list(zip(self.links, motions, arms, strict=True))):
+            turn = _times(link.joint.multiplier, bent[link.joint.master])
             if link.prismatic:
                 moved = (*moved[:2], _sum(moved[2], turn))
             else:
@@ -238,34 +316,27 @@ class Chain:
         A joint bears the weights beyond it: ``z . (sum_l m_l (r_l - o) x g)``, with the centres
         of mass r, or ``z . (sum_l m_l g)`` where it slides.
         """
-        return [
-            _dot(axes[2], force if link.prismatic else moment)
-            for link, (axes, moment, force) in zip(self.links, self._weights(q), strict=True)
-        ]
+        return [torque for (torque,) in self._own(self._weights(q))]
 
     def virtual_gravity_torque(self, q: Sequence[Component]) -> list[Component]:
         """Return the n_joints x 6 torques [N m] and forces [N] of the weights, joint by joint.
 
         They act on the virtual joints: about, then along the moved frame's axes.
         """
-        return [
-            _dot(axis, load)
-            for axes, moment, force in self._weights(q)
-            for load in (moment, force)
-            for axis in axes
-        ]
+        return [torque for six in self._weights(q) for (torque,) in six]
 
-    def _weights(self, q: Sequence[Component]) -> list[tuple[Sequence[Vector], Vector, Vector]]:
-        """Return each moved frame's axes, and moment and force of the weights that it bears."""
-        loads = []
+    def _weights(self, q: Sequence[Component]) -> list[list[Vector]]:
+        """Return each joint's moments about, then forces along, its axes by what it bears."""
+        loads: list[list[Vector]] = []
         mass, first_moment = 0.0, ORIGIN  # of all that a joint carries, kg and kg m, base frame
         frames = list(self.frames(q))
         for link, frame in reversed(list(zip(self.links, frames, strict=True))):
             mass += link.mass
             first_moment = _plus(first_moment, _scaled(link.mass, frame.point(link.centre)))
             lever = _minus(first_moment, _scaled(mass, frame.origin))
-            loads.append((frame.axes, _cross(lever, self.gravity), _scaled(mass, self.gravity)))
-        return loads[::-1]
+            pull = _cross(lever, self.gravity), _scaled(mass, self.gravity)
+            loads.append([[_dot(axis, part)] for part in pull for axis in frame.axes])
+        return self._by_joint(loads[::-1])
 
 
 def _basis_with_z(axis: FloatArray) -> FloatArray:
@@ -283,8 +354,9 @@ def _rotation(link: Link, frame: Frame) -> list[Component]:
     return list(chain.from_iterable(zip(*axes, strict=True)))
 
 
-def _by_rows(columns: Iterable[Column]) -> list[Component]:
-    return list(chain.from_iterable(zip(*((*move, *turn) for move, turn in columns), strict=True)))
+def _by_rows(columns: Iterable[Vector]) -> list[Component]:
+    """Return columns of a Jacobian (translation [m/rad or m/m], rotation) row by row."""
+    return list(chain.from_iterable(zip(*columns, strict=True)))
 
 
 def _turned(vector: Vector, motion: tuple[Component, Component]) -> Vector:

@@ -42,15 +42,13 @@ class ChainPoses(BriefFields):
     Attributes:
         points: (n, n_joints + 1, 3) origins of the joints' frames after their motion and TCP, m.
         rotations: (n, n_joints, 3, 3) orientation of every joint's frame after its motion.
+        rotation: (n, 3, 3) orientation of the tool: of the last joint's frame, or of the mimic
+            joint's behind it.
     """
 
     points: FloatArray
     rotations: FloatArray
-
-    @property
-    def rotation(self) -> FloatArray:
-        """(n, 3, 3) orientation of the last joint's frame, which is the tool's."""
-        return self.rotations[:, -1]
+    rotation: FloatArray
 
 
 class SerialChain(ChainGeometry):
@@ -75,7 +73,7 @@ class SerialChain(ChainGeometry):
     def forward(self, q: FloatArray) -> ChainPoses:
         """Return the poses of the joints' frames and of the TCP."""
         n = self.n_joints
-        return ChainPoses(*self._computed(Chain.poses, q, (n + 1, 3), (n, 3, 3)))
+        return ChainPoses(*self._computed(Chain.poses, q, (n + 1, 3), (n, 3, 3), (3, 3)))
 
     def tcp_position(self, q: FloatArray) -> FloatArray:
         """Return the (n, 3) position of the TCP [m], base frame."""
@@ -94,7 +92,8 @@ class SerialChain(ChainGeometry):
 
         They turn about and slide along the axes x, y, z of the joint's moving frame, after the
         joint's own motion; z is the joint's axis. Where the axis lies along one of the URDF
-        frame's, x and y do too; else they are any two across it.
+        frame's, x and y do too; else they are any two across it. A mimic joint has none: its frame
+        is rigid but for the motion that its master gives it.
 
         Returns:
             (n, 6, n_joints, 6): rows as of `jacobian`; the last index is the virtual joint: turns

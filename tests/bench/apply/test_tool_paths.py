@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import stiffbench as sb
 from helpers.command_line import bench_here
-from helpers.made_robots import track_lines, tree_urdf
+from helpers.made_robots import arm_lines, track_lines, tree_urdf
 from helpers.made_samples import samples_with
 from stiff_apply.example_path import example_path
 from stiff_apply.path_file import read_path
@@ -252,6 +252,26 @@ def test_invalid_arguments_and_existing_files_are_refused(vjm, square, tmp_path)
             compensate_path(vjm, square, tmp_path / "c.csv", **wrong)
     with pytest.raises(DataError, match="frame has shape"):
         compensate_path(vjm, square, tmp_path / "c.csv", workpiece=(1.0, 2.0))
+
+
+def test_an_example_path_is_for_a_urdf_that_is_read_with_held_joints(tmp_path):
+    lines = f"""
+        base side revolute
+        base lift prismatic mimic=to_side multiplier=0.5 limits=0..4
+        {arm_lines("lift", "a", 6)}
+    """
+    tree_urdf(tmp_path / "lift.urdf", lines)
+    words = "example --urdf lift.urdf --tip a6 --points 3 --load 0,0,-40 --output"
+    refused = bench_here("path", *words.split(), "e.csv", cwd=tmp_path)
+    assert refused.returncode == 2 and "--hold to_side=VALUE" in refused.stderr
+    heights = []
+    for angle in (0.0, 60.0):
+        file = tmp_path / f"{angle:.0f}.csv"
+        held = ("--hold", f"to_side={angle}")
+        done = bench_here("path", *words.split(), file.name, *held, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        heights.append(pd.read_csv(file)["z_mm"][0])
+    assert heights[1] - heights[0] == pytest.approx(500.0 * np.pi / 3.0, abs=1e-3)
 
 
 @pytest.mark.slow

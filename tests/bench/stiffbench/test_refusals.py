@@ -65,7 +65,7 @@ REFUSED = {
     f"{CORRECT} --coverage 0.99": ["--coverage 0.99", "38 poses"],
     "path example --model vjm.stiff --robot ur5 --output e.csv": ["--robot", "give only one"],
     HOLD: ["--hold none", "to_cart [mm]", "to_a6 [deg]", "valid: 1 of "],
-    f"{HOLD} --hold 1=5 --hold J3=0": ["--hold 1, J3 (valid: 1 of "],
+    f"{HOLD} --hold 1=5 --hold J3=0": ["track cannot drive", "held joints"],
     f"{HOLD} --hold to_cart": ["--hold to_cart", "mm"],
     f"{HOLD} --hold to_cart=5000": ["--hold to_cart=5000", "0..4000 mm"],
     f"{HOLD} --hold to_cart=nan": ["'to_cart=nan'", "JOINT=VALUE"],

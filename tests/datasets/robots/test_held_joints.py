@@ -135,6 +135,54 @@ def test_the_weight_points_down_in_a_base_that_a_held_joint_tilts(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("count", "options", "kept"),
+    [
+        (7, {}, [0, 1, 2, 3, 4, 5, 6]),
+        (7, {"hold": {"to_cart": 5.0}}, [1, 2, 3, 4, 5, 6]),
+        (7, {"base": "cart"}, [1, 2, 3, 4, 5, 6]),
+        (7, {"hold": {"to_a2": 5.0, "to_a6": 5.0}}, [0, 1, 3, 4, 5]),
+        (6, {"hold": {"to_cart": 5.0}}, [0, 1, 2, 3, 4, 5]),
+    ],
+)
+def test_the_controllers_list_of_the_whole_chain_leaves_out_held_joints(
+    tmp_path, count, options, kept
+):
+    signs, zeros = np.where(np.arange(count) % 2, -1.0, 1.0), np.arange(count) + 1.0
+    path = with_controller(tree_urdf(tmp_path / "made.urdf", TRACK), signs, zeros)
+    controller = read_chain(path, **options).robot.controller
+    np.testing.assert_array_equal(controller.signs, signs[kept])
+    np.testing.assert_allclose(controller.zeros, np.radians(zeros[kept]))
+
+
+@pytest.mark.parametrize(
+    ("count", "hold", "from_ground", "parts"),
+    [
+        (5, {"to_cart": 5.0}, False, ["controller has 5", "6"]),
+        (7, {"to_cart": 5.0}, True, ["controller", "joint 3", "ground"]),
+        (7, {"to_a2": 5.0}, True, ["controller", "joint 3", "ground"]),
+    ],
+)
+def test_a_controllers_list_that_fits_no_chain_is_refused(
+    tmp_path, count, hold, from_ground, parts
+):
+    path = tree_urdf(tmp_path / "made.urdf", TRACK)
+    with_controller(path, np.ones(count), np.zeros(count), from_ground=from_ground)
+    with pytest.raises(DataError) as caught_error:
+        read_chain(path, hold=hold)
+    for part in ("made.urdf", *parts):
+        assert part in str(caught_error.value)
+
+
+def with_controller(path, signs, zeros, *, from_ground=False):
+    """Add a <controller> to a URDF."""
+    words = [" ".join(f"{number:g}" for number in numbers) for numbers in (signs, zeros)]
+    ground = str(from_ground).lower()
+    element = f'<controller signs="{words[0]}" zeros_deg="{words[1]}" j3_from_ground="{ground}"/>'
+    path.write_text(path.read_text().replace("</robot>", f"{element}</robot>"))
+    return path
+
+
+@pytest.mark.parametrize(
     ("options", "error", "parts"),
     [
         ({"hold": {"rail": 1.0}}, ConfigError, ["hold", "made.urdf", "'rail'", "to_cart"]),
@@ -147,7 +195,6 @@ def test_the_weight_points_down_in_a_base_that_a_held_joint_tilts(tmp_path):
         ({"hold": {"to_pad": 1.0}}, ConfigError, ["hold", "to_pad", "follows to_grip"]),
         ({"hold": {"to_puck": 1.0}}, ConfigError, ["hold", "to_puck", "3 degrees"]),
         ({"hold": {str(i): 1.0 for i in range(1, 8)}, "tip": "a6"}, DataError, ["no moving"]),
-        ({"tip": "tool0"}, DataError, ["to_pad", "mimic", "--hold to_grip=VALUE"]),
         ({"base": "chart"}, ConfigError, ["base", "'chart'", "did you mean 'cart'"]),
         ({"base": "puck"}, ConfigError, ["base", "puck", "'a6'"]),
         ({"base": "a3"}, ConfigError, ["base", "a3", "gravity", "to_a2"]),

@@ -111,8 +111,8 @@ def test_a_robot_gives_its_tcp_back_in_the_frame_in_which_people_give_it(shipped
             r"joint 'to_l1' has limits 2..1; expected lower below upper",
         ),
         (
-            joint() + joint("l1", "l2", inside='<mimic joint="to_l1"/>'),
-            "joint 'to_l2' on the chain to 'l2' is a mimic joint, which follows 'to_l1'",
+            joint() + joint("l1", "l2", inside='<mimic joint="to_l3"/>'),
+            "joint 'to_l2' on the chain to 'l2' is a mimic joint, which follows 'to_l3'",
         ),
         (joint() + joint("l1", "l2").replace("to_l2", "to_l1"), "joint 'to_l1' is not unique"),
         (joint().replace("to_l1", "universe"), "joint 'universe'"),
