@@ -261,17 +261,17 @@ def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray, rules: Mapping[st
                 "follows it, exclude each other"
             )
     lower, upper = np.transpose([limits[name] for name in names])
-    own = [joint for joint in joints if not joint.name]
+    own_joints = [joint for joint in joints if not joint.name]
     return Robot(
         name=model.name,
         joint_names=tuple(names),
-        joint_types=tuple(joint.joint_type for joint in own),
-        placements=np.array([joint.placement for joint in own]),
-        axes=np.array([joint.axis for joint in own]),
+        joint_types=tuple(joint.joint_type for joint in own_joints),
+        placements=np.array([joint.placement for joint in own_joints]),
+        axes=np.array([joint.axis for joint in own_joints]),
         lower=lower,
         upper=upper,
-        masses=np.array([joint.mass for joint in own]),
-        centres_of_mass=np.array([joint.centre_of_mass for joint in own]),
+        masses=np.array([joint.mass for joint in own_joints]),
+        centres_of_mass=np.array([joint.centre_of_mass for joint in own_joints]),
         tcp=flange.act(tcp),
         gravity=model.gravity.linear,
         flange=flange.homogeneous,

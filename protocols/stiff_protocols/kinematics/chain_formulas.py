@@ -112,7 +112,7 @@ class Link:
     joint: ChainJoint
 
     @property
-    def own(self) -> int:
+    def own_motion(self) -> int:
         """Number of the joint's own motion among the six of `virtual_jacobian`."""
         return 5 if self.prismatic else 2
 
@@ -201,9 +201,9 @@ class Chain:
         """
         frames = list(self.frames(q))
         turned = list(map(_rotation, self.links, frames))
-        own = [i for i, link in enumerate(self.links) if not link.joint.name]
-        origins = [component for i in own for component in frames[i].origin]
-        rotations = chain.from_iterable(turned[i] for i in (*own, -1))
+        independent = [i for i, link in enumerate(self.links) if not link.joint.name]
+        origins = [component for i in independent for component in frames[i].origin]
+        rotations = chain.from_iterable(turned[i] for i in (*independent, -1))
         return [*origins, *frames[-1].point(self.tcp), *rotations]
 
     def tcp_position(self, q: Sequence[Component]) -> Vector:
@@ -228,7 +228,7 @@ class Chain:
         return _by_rows(chain.from_iterable(self._virtual_columns(q)))
 
     def _columns(self, q: Sequence[Component]) -> list[Vector]:
-        return self._own(self._virtual_columns(q))
+        return self._own_parts(self._virtual_columns(q))
 
     def _virtual_columns(self, q: Sequence[Component]) -> list[list[Vector]]:
         """Return each joint's columns: turns about, then slides along, the moved frame's axes."""
@@ -250,14 +250,14 @@ class Chain:
         for link, six in pairs:
             if link.joint.name:
                 master, sums = masters[link.joint.master]
-                moved = _scaled(link.joint.multiplier, six[link.own])
-                sums[master.own] = _plus(sums[master.own], moved)
+                moved = _scaled(link.joint.multiplier, six[link.own_motion])
+                sums[master.own_motion] = _plus(sums[master.own_motion], moved)
         return [six for _, six in masters]
 
-    def _own(self, parts: Iterable[list[Vector]]) -> list[Vector]:
+    def _own_parts(self, parts: Iterable[list[Vector]]) -> list[Vector]:
         """Return each independent joint's own part of its six: along or about z."""
-        own = [link.own for link in self.links if not link.joint.name]
-        return [six[k] for k, six in zip(own, parts, strict=True)]
+        own_motions = [link.own_motion for link in self.links if not link.joint.name]
+        return [six[k] for k, six in zip(own_motions, parts, strict=True)]
 
     def deflection(
         self,
@@ -316,7 +316,7 @@ class Chain:
         A joint bears the weights beyond it: ``z . (sum_l m_l (r_l - o) x g)``, with the centres
         of mass r, or ``z . (sum_l m_l g)`` where it slides.
         """
-        return [torque for (torque,) in self._own(self._weights(q))]
+        return [torque for (torque,) in self._own_parts(self._weights(q))]
 
     def virtual_gravity_torque(self, q: Sequence[Component]) -> list[Component]:
         """Return the n_joints x 6 torques [N m] and forces [N] of the weights, joint by joint.

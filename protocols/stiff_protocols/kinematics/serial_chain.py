@@ -93,7 +93,7 @@ class SerialChain(ChainGeometry):
         They turn about and slide along the axes x, y, z of the joint's moving frame, after the
         joint's own motion; z is the joint's axis. Where the axis lies along one of the URDF
         frame's, x and y do too; else they are any two across it. A mimic joint has none: its frame
-        is rigid but for the motion that its master gives it.
+        only has the motion that its master gives it.
 
         Returns:
             (n, 6, n_joints, 6): rows as of `jacobian`; the last index is the virtual joint: turns

@@ -135,7 +135,7 @@ def test_the_weight_points_down_in_a_base_that_a_held_joint_tilts(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("count", "options", "kept"),
+    ("count", "options", "kept_joints"),
     [
         (7, {}, [0, 1, 2, 3, 4, 5, 6]),
         (7, {"hold": {"to_cart": 5.0}}, [1, 2, 3, 4, 5, 6]),
@@ -145,13 +145,13 @@ def test_the_weight_points_down_in_a_base_that_a_held_joint_tilts(tmp_path):
     ],
 )
 def test_the_controllers_list_of_the_whole_chain_leaves_out_held_joints(
-    tmp_path, count, options, kept
+    tmp_path, count, options, kept_joints
 ):
     signs, zeros = np.where(np.arange(count) % 2, -1.0, 1.0), np.arange(count) + 1.0
     path = with_controller(tree_urdf(tmp_path / "made.urdf", TRACK), signs, zeros)
     controller = read_chain(path, **options).robot.controller
-    np.testing.assert_array_equal(controller.signs, signs[kept])
-    np.testing.assert_allclose(controller.zeros, np.radians(zeros[kept]))
+    np.testing.assert_array_equal(controller.signs, signs[kept_joints])
+    np.testing.assert_allclose(controller.zeros, np.radians(zeros[kept_joints]))
 
 
 @pytest.mark.parametrize(

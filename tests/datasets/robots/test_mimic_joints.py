@@ -117,10 +117,10 @@ def test_springs_of_a_master_turn_its_mimic_joints_too(made, rng):
     robot, q, *_ = made
     jacobian, virtual = robot.jacobian(q), robot.virtual_jacobian(q)
     weights = robot.virtual_gravity_torque(q)
-    own = [2 if turns else 5 for turns in robot.turns]
+    own_motion = [2 if turns else 5 for turns in robot.turns]
     joints = np.arange(robot.n_joints)
-    np.testing.assert_allclose(virtual[:, :, joints, own], jacobian, atol=1e-15)
-    np.testing.assert_allclose(weights[:, joints, own], robot.gravity_torque(q), atol=1e-13)
+    np.testing.assert_allclose(virtual[:, :, joints, own_motion], jacobian, atol=1e-15)
+    np.testing.assert_allclose(weights[:, joints, own_motion], robot.gravity_torque(q), atol=1e-13)
     wrench, compliance = rng.normal(size=(20, 6)), rng.uniform(size=robot.n_joints)
     torque = joint_torque(jacobian, wrench)
     truth = np.einsum("nij,nj->ni", jacobian[:, :3], compliance * torque)

@@ -128,6 +128,13 @@ def test_a_track_has_a_drive_and_a_guide_and_its_scatter(tmp_path):
     assert (np.abs(np.log(other_slide / slide)) < 0.7).all() and (other_slide != slide).all()
 
 
+def test_a_twin_of_a_urdf_with_a_mimic_joint_on_its_chain_is_refused(tmp_path):
+    constants = on_a_track(tmp_path, SLIDE + 6 * JOINT, 'tip = "camera"\n')
+    tree_urdf(tmp_path / "track.urdf", track_lines() + "\na6 camera revolute mimic=to_a2")
+    with pytest.raises(DataError, match=r"track.urdf: to_camera is a mimic joint"):
+        constants.chain()
+
+
 def test_a_drive_alone_gives_force_over_stiffness_along_the_track(tmp_path):
     rigid = "[[joint]]\ngear = {rigidity_Nm_per_rad = 1e10, rated_Nm = 1e9}\n"
     rigid += "structure_Nm_per_rad = inf\ntilting_ratio = inf\n"
