@@ -83,7 +83,8 @@ def tree_urdf(path: Path, joints: str) -> Path:
     """Write a URDF whose joints are lines "parent child type", with options.
 
     These are `x=`, `y=`, `z=` (m; of a moving joint z=0.2), `axis=` (x, y or z, the default),
-    `limits=low..high` and `mimic=JOINT` with `multiplier=` and `offset=`. Joints are called to_CHILD, links have 1 kg.
+    `limits=low..high` and `mimic=JOINT` with `multiplier=` and `offset=`. Joints are called
+    to_CHILD, links have 1 kg.
     """
     parts, links = [], dict.fromkeys(["base"])
     for line in filter(None, map(str.strip, joints.splitlines())):
