@@ -105,12 +105,18 @@ def test_a_palletizer_is_pinocchios_own_model_with_mimic_joints(tmp_path, rng):
 
 
 def test_jacobian_and_weights_are_derivatives_by_the_independent_joints(made):
-    robot, q, _, _, every_q = made
+    robot, q, model, coupling, every_q = made
     steps = 1e-6 * np.eye(robot.n_joints)
     ends = [[robot.tcp_position(q + sign * step) for sign in (-1.0, 1.0)] for step in steps]
     slopes = np.stack([(after - before) / 2e-6 for before, after in ends], axis=2)
     np.testing.assert_allclose(robot.jacobian(q)[:, :3], slopes, atol=1e-8)
-    assert every_q.shape[1] > robot.n_joints
+    data = model.createData()
+    for joint, move in enumerate(1e-5 * coupling.T):
+        before, after = (
+            pin.computePotentialEnergy(model, data, every_q[0] + sign * move) for sign in (-1, 1)
+        )
+        torque = robot.gravity_torque(q)[0, joint]
+        assert torque == pytest.approx((before - after) / 2e-5, abs=1e-5)
 
 
 def test_springs_of_a_master_turn_its_mimic_joints_too(made, rng):
