@@ -109,6 +109,8 @@ path compensate --model ../out/m.stiff --path ../out/path.csv --output ../out/c.
 map --model ../out/m.stiff --load 0,0,-60 --grid 6 --output ../out/map.csv --figure ../out/map.png
 posture --model ../out/m.stiff --point 600,0,400,180,0,180 --load 0,0,-60 --turns 4 --output ../out/p.csv
 """  # noqa: E501
+SEALED = ("bench verify",)
+"""Commands with tests of what they may do, tests/bench/submissions/test_sealed_fit.py."""
 ONE_AFTER_ANOTHER = """
 import shlex, sys
 from stiffbench.main import main
@@ -124,7 +126,7 @@ for words in filter(None, sys.stdin.read().splitlines()):
 
 def test_every_command_is_among_them():
     ours = [f"{words} " for words in (LEADERBOARD, *COMMANDS.splitlines())]
-    names = [name.removeprefix("bench ") for name in COMMAND_NAMES]
+    names = [name.removeprefix("bench ") for name in COMMAND_NAMES if name not in SEALED]
     assert [name for name in names if not any(words.startswith(f"{name} ") for words in ours)] == []
 
 
