@@ -29,19 +29,15 @@ from stiff_datasets.measured.row_checks import (
     FULL_TURN_RAD,
     NO_TORQUE,
     Problem,
-    bound_problems,
     cell_problem,
+    checked_table,
     limit_problems,
-    numbers_and_loads,
     problems_error,
     radian_problems,
-    table_problems,
-    with_missing_columns,
 )
 from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     MM_PER_M,
-    TORQUE_COLUMNS,
     WRENCH_COLUMNS,
     file_units,
     joint_columns,
@@ -60,7 +56,6 @@ FRAME_COLUMN, BASE = "frame", "base"
 
 MIN_POSITION_MM = 10.0
 """No path has all of its points this near to the base; such a file holds metres."""
-MAX_POSITION_MM, MAX_ANGLE_DEG = 1e5, 1e4
 QUATERNION_TOLERANCE = 1e-3
 """Tolerance of the length of a quaternion, which is 1."""
 
@@ -146,20 +141,17 @@ def read_path(
         raise ConfigError(f"{file} has load columns, too; give the load only once", "load")
     angle_columns = orientation_columns[0] if orientation_columns else ANGLE_COLUMNS
     place_columns = joints if by_joints else (*POSITION_COLUMNS, *angle_columns)
-    load_columns = () if load is not None else WRENCH_COLUMNS
-    columns = (*place_columns, *load_columns, FRAME_COLUMN)
-    problems = table_problems(sheet, columns, (*TORQUE_COLUMNS * bool(load_columns), FRAME_COLUMN))
+    columns, usual = (*place_columns, *WRENCH_COLUMNS), NO_TORQUE
+    if load is not None:
+        columns, usual = place_columns, {}
+    sheet, numbers, problems = checked_table(sheet, columns, usual, (FRAME_COLUMN,))
+    numbers, wrench = np.split(numbers, [len(place_columns)], axis=1)
+    if load is not None:
+        wrench = np.tile(np.array(given_load), (len(numbers), 1))
     extra_joints = [name for name in sheet.unused if re.match(r"[aq]\d", name.lower())]
     if by_joints and extra_joints:
         valid_joints = f"the {robot.n_joints} joints of {robot.name}"
         problems.append(Problem(f"header: further joints {', '.join(extra_joints)}", valid_joints))
-    if problems:
-        raise problems_error(file, problems)
-    missing_columns = NO_TORQUE
-    if given_load is not None:
-        missing_columns = dict(zip(WRENCH_COLUMNS, given_load, strict=True))
-    sheet = with_missing_columns(sheet, missing_columns)
-    numbers, wrench, problems = numbers_and_loads(sheet, place_columns)
     if not problems and by_joints:
         problems = [*radian_problems(numbers, robot), *limit_problems(sheet, numbers, robot)]
     elif not problems:
@@ -307,9 +299,6 @@ def _pose_problems(sheet: Sheet, numbers: FloatArray, angles: tuple[str, ...]) -
             "the columns x_mm.. are in mm, these look like metres",
             "",
         )
-    yield from bound_problems(sheet, POSITION_COLUMNS, position, MAX_POSITION_MM)
-    if angles == ANGLE_COLUMNS:
-        yield from bound_problems(sheet, ANGLE_COLUMNS, turn, MAX_ANGLE_DEG)
     if angles == QUATERNION_COLUMNS:
         lengths = np.linalg.norm(turn, axis=1)
         for row in np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_TOLERANCE):

@@ -12,8 +12,7 @@ import numpy as np
 from stiff_bench.api.model import Model
 from stiff_bench.tables.picture_file import check_suffix
 from stiff_datasets.measured.rotations import euler_rotations
-from stiff_datasets.measured.row_checks import MAX_NUMBER
-from stiff_datasets.measured.sample_columns import MM_PER_M, file_units
+from stiff_datasets.measured.sample_columns import MAX_NUMBER, MM_PER_M, file_units
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.robot import Robot

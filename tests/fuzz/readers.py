@@ -25,8 +25,8 @@ from stiff_bench.plan.cells import models_under
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
-from stiff_datasets.measured.data_card import parse_card
-from stiff_datasets.measured.descriptors import croissant, data_package, describe, json_text
+from stiff_datasets.measured.data_card import parse_card, read_card
+from stiff_datasets.measured.descriptors import croissant, describe, json_text
 from stiff_datasets.measured.load_file import read_loads
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.sheet_files import sample_table, write_table
@@ -78,9 +78,9 @@ def _card(folder: Path) -> PreparedReader:
     facts = parse_card(valid.decode(), csv)
 
     def read(path: Path) -> object:
-        file = describe(csv)
-        descriptors = json_text(croissant(file)), json_text(data_package(file))
-        if file.card != facts:
+        package = describe(csv)
+        descriptors = json_text(croissant(package)), json_text(package)
+        if read_card(csv) != facts:
             raise DataError(f"{path}: other facts")
         return descriptors
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stiff_datasets.measured.descriptors import DescribedFile, describe, write_descriptors
+from stiff_datasets.measured.descriptors import Descriptor, describe, write_descriptors
 from stiff_datasets.robots.shipped_robots import named_robot
 
 FOLDER = Path(__file__).parents[2] / "datasets" / "stiff_datasets" / "data"
@@ -15,10 +15,10 @@ ROBOTS = {"fanuc_r2000ic.csv": "fanuc-r2000ic", "fanuc_drilling.csv": "fanuc-r20
 """Name of the file -> its robot."""
 
 
-def described(name: str) -> DescribedFile:
+def described(name: str) -> Descriptor:
     return describe(FOLDER / name, named_robot(ROBOTS[name]).robot())
 
 
 if __name__ == "__main__":
     for file in ROBOTS:
-        print(*write_descriptors(described(file)))
+        print(*write_descriptors(FOLDER / file, described(file)))

@@ -9,14 +9,13 @@ import pandas as pd
 
 from stiff_apply.programs.program import RobotProgram
 from stiff_datasets.measured.row_checks import (
+    NO_TORQUE,
     Problem,
     cell_problem,
-    numbers_and_loads,
+    checked_table,
     problems_error,
-    table_problems,
-    with_missing_columns,
 )
-from stiff_datasets.measured.sample_columns import TORQUE_COLUMNS, WRENCH_COLUMNS
+from stiff_datasets.measured.sample_columns import WRENCH_COLUMNS
 from stiff_datasets.measured.sheet_files import read_sheet, write_table
 from stiff_protocols.contract.types import FloatArray
 
@@ -35,12 +34,10 @@ def loads_by_line(file: Path, program: RobotProgram) -> FloatArray:
         DataError: the file cannot be read, a value is invalid, a line has two loads, or a target
             has no load.
     """
-    sheet = read_sheet(file, None).with_standard_columns((LINE_COLUMN, *WRENCH_COLUMNS))
     columns = (LINE_COLUMN, *WRENCH_COLUMNS)
-    if problems := table_problems(sheet, columns, TORQUE_COLUMNS):
-        raise problems_error(file, problems)
-    sheet = with_missing_columns(sheet, dict.fromkeys(TORQUE_COLUMNS, 0.0))
-    numbers, wrench, problems = numbers_and_loads(sheet, (LINE_COLUMN,))
+    sheet = read_sheet(file, None).with_standard_columns(columns)
+    sheet, numbers, problems = checked_table(sheet, columns, NO_TORQUE)
+    wrench = numbers[:, 1:]
     lines, rows = np.unique(numbers[:, 0], return_index=True)
     targets, motion_lines = {*program.lines.tolist()}, {*program.motion_lines.tolist()}
     for row, line in enumerate(numbers[:, 0].tolist()):

@@ -5,18 +5,19 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from stiff_bench.console import say
-from stiff_datasets.measured.card_text import tcp_option
+from stiff_datasets.measured.data_card import tcp_option
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.shipped_robots import named_robot, shipped_robots
 from stiff_protocols.contract.types import Robot
 
-_URDF_WORDS: WeakKeyDictionary[Robot, str] = WeakKeyDictionary()
-"""Robot that was read from a URDF -> the command line options that read it again."""
+URDF_OPTIONS: WeakKeyDictionary[Robot, dict[str, Any]] = WeakKeyDictionary()
+"""Robot that was read from a URDF -> the arguments of `read_robot` that read it again."""
 
 
 def load_robot(name: str = DEFAULT_ROBOT, *, tcp: Sequence[float] | None = None) -> Robot:
@@ -61,13 +62,13 @@ def read_robot(
     chain = read_chain(Path(urdf), tcp=offset, tip=tip, base=base, hold=hold)
     for note in chain.notes:
         say(f"note: {note}")
-    words = ["--urdf", str(urdf), *(["--tip", tip] if tip is not None else [])]
-    words += ["--base", base] if base is not None else []
-    words += [
-        word for name, value in (hold or {}).items() for word in ("--hold", f"{name}={value:.15g}")
-    ]
-    tool = "" if tcp is None else f" {tcp_option(tcp)}"
-    _URDF_WORDS[chain.robot] = f" {shlex.join(words)}{tool}"
+    URDF_OPTIONS[chain.robot] = {
+        "urdf": Path(urdf),
+        "tcp": tcp,
+        "tip": tip,
+        "base": base,
+        "hold": hold,
+    }
     return chain.robot
 
 
@@ -107,8 +108,12 @@ def payload_of(robot: Robot) -> float | None:
 
 def robot_words(robot: Robot) -> str:
     """Return the command line options that name a robot, after a space."""
-    if robot in _URDF_WORDS:
-        return _URDF_WORDS[robot]
+    if given := URDF_OPTIONS.get(robot):
+        pairs = [(name, given[name]) for name in ("urdf", "tip", "base")]
+        pairs += [("hold", f"{name}={value:.15g}") for name, value in (given["hold"] or {}).items()]
+        words = [word for name, value in pairs if value for word in (f"--{name}", str(value))]
+        tool = "" if given["tcp"] is None else f" {tcp_option(given['tcp'])}"
+        return f" {shlex.join(words)}{tool}"
     if not (name := shipped_name(robot)):
         return " with the same --urdf, --tip, --base, --hold and --tcp"
     tcp = robot.tcp_on_flange

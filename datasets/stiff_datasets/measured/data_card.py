@@ -1,4 +1,4 @@
-"""Read the facts of a data card FILE.md next to FILE.csv.
+"""Read the facts of a data card FILE.md next to FILE.csv, and write new cards.
 
 The rest of a card is not evaluated. These are read:
 
@@ -11,14 +11,22 @@ The rest of a card is not evaluated. These are read:
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from stiff_datasets.measured.sample_columns import MM_PER_M, UNITS
+from stiff_datasets.measured.sample_columns import (
+    MM_PER_M,
+    SIMULATED_GROUP,
+    UNITS,
+    counted,
+    in_file_units,
+)
 from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.screen import one_line, printable
+from stiff_protocols.contract.types import BenchmarkData
 
 TORQUE = re.compile(r"\btorques?\b", re.IGNORECASE)
 NOT_MEASURED = re.compile(r"\bnot (measured|recorded)\b", re.IGNORECASE)
@@ -35,16 +43,29 @@ NOISE_VALID = (
 MAX_SHOWN = 60
 READINGS = {"reading": np.sqrt(2.0), "deflection": 1.0}
 """Factor to the noise of a deflection, which is the difference of two readings."""
+FILL_IN = {
+    "Licence": "an SPDX identifier such as CC-BY-4.0, or the URL of the licence",
+    "Citation": "authors, title and year, or the DOI of the paper",
+    "Source": "URL where the data are published",
+    "Version": "MAJOR.MINOR.PATCH",
+    "Published": "YYYY-MM-DD",
+}
+"""Row that published data should state -> hint what to enter, in the order of the card."""
 TOPICS = {
-    "what": ("what",),
-    "robot": ("robot",),
+    **{row.lower(): (row.lower(),) for row in ("What", "Robot", *FILL_IN)},
     "licence": ("licence", "license"),
     "citation": ("citation", "cite as", "paper"),
-    "source": ("source",),
-    "version": ("version",),
-    "published": ("published",),
 }
 """Fact -> names of its row, in lower case; the first row counts."""
+FIRST_VERSION = "1.0.0"
+UNKNOWNS = """## How it was measured
+
+TODO: instruments, dates, temperature, procedure, who measured.
+State the noise of the instrument in a row of the table above, such as `| Instrument noise | 0.02 mm per reading |`.
+
+## What is unknown
+
+TODO"""  # noqa: E501
 TO_DO = "TODO"
 """Start of a value that is not filled in yet: the fact is missing."""
 _TITLE = re.compile(r"^# data card: *(\S.*)$", re.IGNORECASE | re.MULTILINE)
@@ -102,11 +123,15 @@ def read_card(path: Path) -> DataCard:
     Raises:
         DataError: the noise cannot be read; the message names the card, its line and the value.
     """
+    return parse_card(earlier_card(path), card_file(path))
+
+
+def earlier_card(path: Path) -> str:
+    """Return the text of the card next to a file of samples; "" if there is none."""
     card = card_file(path)
     if card == path or not card.is_file():
-        return DataCard()
-    text = card.read_text(encoding="utf-8", errors="replace")
-    return parse_card(text, card)
+        return ""
+    return card.read_text(encoding="utf-8", errors="replace")
 
 
 def parse_card(text: str, card: Path) -> DataCard:
@@ -193,3 +218,82 @@ def _instrument_noise(card: Path, text: str) -> float:
                 )
             return float(noise_mm / MM_PER_M * READINGS[match["of"].lower()])
     return 0.0
+
+
+def new_card(
+    name: str, data: BenchmarkData, rows: Mapping[str, str], origin: str = "", earlier: str = ""
+) -> str:
+    """Return the card of a user's file or an exported data set in Markdown.
+
+    Missing rows of `FILL_IN` get a hint what to enter.
+
+    Args:
+        name: name of the data set.
+        data: its samples and their robot.
+        rows: rows of the card's table, besides the usual ones or in place of them.
+        origin: name of the data set or file that an earlier card describes.
+        earlier: text of that card, which is inserted below; "" if there is none.
+    """
+    usual = {"What": what_text(data), "Robot": robot_text(data), "Version": FIRST_VERSION}
+    rows = {**usual, **rows}
+    noise_mm = in_file_units(np.array([data.samples.instrument_noise]), MM_PER_M)[0]
+    if noise_mm and not any(map(NOISE_LINE.match, earlier.splitlines())):
+        number = np.format_float_positional(noise_mm, trim="-")
+        rows["Instrument noise"] = f"{number} mm per deflection"
+    if rows.pop("Torques", "") and not states_no_torque(earlier):
+        rows["Torques"] = "not measured"
+    needed = {row: f"{TO_DO}: {hint}" for row, hint in FILL_IN.items() if not rows.get(row)}
+    lines = [f"| {row} | {value} |" for row, value in {**rows, **needed}.items() if value]
+    body = f"## The data card of {origin}\n\n{_below(earlier)}" if earlier.strip() else UNKNOWNS
+    return "\n".join(
+        [f"# Data card: {one_line(name)}", "", "| | |", "|---|---|", *lines, "", body, ""]
+    )
+
+
+def what_text(data: BenchmarkData) -> str:
+    """Return the row "What" of a user's card: the content, and SIMULATED if it is."""
+    samples = data.samples
+    count = counted(len(samples), "sample")
+    poses = counted(len(np.unique(samples.pose_id)), "pose")
+    origin = "SIMULATED: " if SIMULATED_GROUP in samples.group else ""
+    return f"{origin}{count} of loads and TCP deflections at {poses}"
+
+
+def robot_text(data: BenchmarkData) -> str:
+    """Return robot, number of joints and TCP for a card's row."""
+    robot = data.robot
+    return one_row(f"{robot.joints_text}, TCP {tcp_text(robot.tcp_on_flange)} m")
+
+
+def tcp_text(tcp: Iterable[float]) -> str:
+    """Return a (3,) TCP, m, as text with all digits: "0.06,0,0.08"."""
+    return ",".join(np.format_float_positional(length, trim="-") for length in tcp)
+
+
+def tcp_option(tcp: Iterable[float]) -> str:
+    """Return the option `--tcp` for a (3,) TCP, m in the frame of the robot's last link."""
+    text = tcp_text(tcp)
+    return f"--tcp={text}" if text.startswith("-") else f"--tcp {text}"
+
+
+def one_row(text: str) -> str:
+    """Return a text as a cell of a Markdown table."""
+    return printable(" ".join(text.split())).replace("|", r"\|")
+
+
+def fact_rows(card: DataCard) -> dict[str, str]:
+    """Return the rows of `FILL_IN` that a card states."""
+    rows = {row: card.facts.get(row.lower(), "") for row in FILL_IN}
+    return {row: without_relative_links(value) for row, value in rows.items() if value}
+
+
+def _below(card: str) -> str:
+    """Return a card to insert below a heading: its headings move one level down."""
+    lines: list[str] = []
+    in_code = False
+    for line in without_relative_links(card).strip().splitlines():
+        in_code ^= line.startswith("```")
+        if line.startswith("# ") and not in_code and not lines:
+            continue
+        lines.append(f"#{line}" if line.startswith("#") and not in_code else line)
+    return "\n".join(lines).strip()

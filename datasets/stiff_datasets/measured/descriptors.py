@@ -15,7 +15,6 @@ import json
 import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +22,10 @@ import numpy as np
 
 from stiff_datasets.measured.data_card import DataCard, read_card
 from stiff_datasets.measured.sample_columns import (
+    COLUMNS,
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
     LOADED_COLUMNS,
-    column_meaning,
     column_unit,
     counted,
     file_units,
@@ -38,6 +37,8 @@ from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.types import Robot
 
+Descriptor = dict[str, Any]
+"""A JSON object."""
 CROISSANT, DATA_PACKAGE = ".croissant.json", ".datapackage.json"
 """Extensions of the descriptors."""
 GENERATOR = "stiffbench"
@@ -49,9 +50,8 @@ LICENCES = (
     *("ODbL-1.0", "ODC-By-1.0", "PDDL-1.0"),
 )
 """SPDX identifiers of common data licences; other licences are given as text."""
-NEEDED_FACTS = ("licence", "citation", "source", "version", "published")
-"""Facts that published data should state."""
-CONTEXT: dict[str, Any] = {
+PROFILES = "https://datapackage.org/profiles/2.0"
+CONTEXT: Descriptor = {
     "@language": "en",
     "@vocab": "https://schema.org/",
     **{
@@ -75,108 +75,8 @@ CONTEXT: dict[str, Any] = {
 """The standard context of Croissant 1.0."""
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column of a CSV file.
-
-    Attributes:
-        name: name in the header.
-        is_number: true if every filled cell is a number.
-        required: true if no cell is empty.
-        low, high: limits of the numbers, in the unit of the column; None: no limits.
-        meaning: description; "" if neither the schema nor the card has one.
-    """
-
-    name: str
-    is_number: bool
-    required: bool
-    low: float | None = None
-    high: float | None = None
-    meaning: str = ""
-
-    @property
-    def text(self) -> str:
-        """Meaning and unit in words, such as "torque ... [N m]"."""
-        unit = column_unit(self.name)
-        return f"{self.meaning}{f' [{unit}]' if unit else ''}".strip() or self.name
-
-
-@dataclass(frozen=True)
-class DescribedFile:
-    """A CSV file with its columns and its card.
-
-    Attributes:
-        path: the file.
-        content: its bytes.
-        columns: columns in the order of the file.
-        key: names of the columns that identify a row; () if there are none.
-        n_rows: number of rows below the header.
-        card: its data card.
-    """
-
-    path: Path
-    content: bytes
-    columns: tuple[Column, ...]
-    key: tuple[str, ...]
-    n_rows: int
-    card: DataCard
-
-    @property
-    def name(self) -> str:
-        """Name of the data set from the card, else the file name without extension."""
-        return self.card.name or self.path.stem
-
-    @property
-    def description(self) -> str:
-        """The card's first sentences, and the number of rows."""
-        what = self.card.text("what").rstrip(".") or f"{self.path.name}, without a data card"
-        robot = self.card.text("robot").rstrip(".")
-        parts = [what, f"Robot: {robot}" if robot else "", f"{counted(self.n_rows, 'row')}"]
-        return ". ".join(filter(None, parts)) + "."
-
-    @property
-    def sha256(self) -> str:
-        """Hash of the file's bytes."""
-        return hashlib.sha256(self.content).hexdigest()
-
-    @property
-    def missing_facts(self) -> list[str]:
-        """The needed facts that the card does not state."""
-        return [fact for fact in NEEDED_FACTS if fact not in self.card.facts]
-
-    @property
-    def keywords(self) -> list[str]:
-        """Subjects, with "simulated" if the card says so."""
-        names = {column.name for column in self.columns}
-        subjects = ["deflection"] if names & {*DEFLECTION_COLUMNS, *LOADED_COLUMNS} else []
-        origins = ["simulated"] if self.card.kind == "simulated" else []
-        return ["industrial robot", "stiffness", *subjects, *origins]
-
-    @property
-    def published(self) -> str:
-        """Date of publication as YYYY-MM-DD; "" if the card does not state it."""
-        match = re.search(r"\d{4}-\d{2}-\d{2}", self.card.text("published"))
-        return match[0] if match else ""
-
-    @property
-    def version(self) -> str:
-        """Version as MAJOR.MINOR.PATCH; "" if the card does not state it."""
-        match = re.match(r"\d+\.\d+\.\d+", self.card.text("version"))
-        return match[0] if match else ""
-
-    @property
-    def licence(self) -> tuple[str, str]:
-        """SPDX identifier (or the card's own text) and URL of the licence, "" if unknown."""
-        text, url = self.card.text("licence"), self.card.url("licence")
-        word = re.split(r"[,;\s(]", text, maxsplit=1)[0].lower()
-        for identifier in LICENCES:
-            if identifier.lower() == word:
-                return identifier, url or f"https://spdx.org/licenses/{identifier}.html"
-        return text, url
-
-
-def describe(path: Path, robot: Robot | None = None, card: DataCard | None = None) -> DescribedFile:
-    """Read a CSV file and its data card.
+def describe(path: Path, robot: Robot | None = None, card: DataCard | None = None) -> Descriptor:
+    """Return the Frictionless data package of a CSV file as a JSON object.
 
     Args:
         path: the file, with a comma between cells, a point in decimals and one header row.
@@ -190,17 +90,123 @@ def describe(path: Path, robot: Robot | None = None, card: DataCard | None = Non
     content = _content(path)
     header, rows = _rows(path, content)
     card = read_card(path) if card is None else card
-    limits: dict[str, list[float]] = {}
-    if robot is not None:
-        ends = np.round(np.stack([robot.lower, robot.upper]) * file_units(robot), 6)
-        limits = dict(zip(joint_columns(robot), ends.T.tolist(), strict=True))
-    largest = MAX_DEFLECTION_MM
-    limits |= {name: [-largest, largest] for name in DEFLECTION_COLUMNS}
-    columns = tuple(
-        _column(name, cells, card, limits.get(name))
-        for name, cells in zip(header, zip(*rows, strict=True), strict=True)
-    )
-    return DescribedFile(path, content, columns, _key(header, rows), len(rows), card)
+    name = card.name or path.stem
+    limits, columns = _limits(robot), zip(header, zip(*rows, strict=True), strict=True)
+    fields = [_field(column, cells, card, limits) for column, cells in columns]
+    licence, licence_url = _licence(card)
+    source, source_url = card.text("source"), card.url("source")
+    spdx = {"name": licence if licence in LICENCES else "other", "title": licence}
+    version = re.match(r"\d+\.\d+\.\d+", card.text("version"))
+    published = re.search(r"\d{4}-\d{2}-\d{2}", card.text("published"))
+    what = card.text("what").rstrip(".") or f"{path.name}, without a data card"
+    robot_text = card.text("robot").rstrip(".")
+    sentences = [what, f"Robot: {robot_text}" * bool(robot_text), counted(len(rows), "row")]
+    subjects = ["deflection"] if {*header} & {*DEFLECTION_COLUMNS, *LOADED_COLUMNS} else []
+    subjects += ["simulated"] if card.kind == "simulated" else []
+    key = _key(header, rows)
+    return {
+        "$schema": f"{PROFILES}/datapackage.json",
+        "name": re.sub(r"[^a-z0-9._]+", "-", name.lower()).strip("-") or "data",
+        "title": name,
+        "description": f"{'. '.join(filter(None, sentences))}.",
+        **_stated(
+            version=version and version[0],
+            created=published and f"{published[0]}T00:00:00Z",
+            licenses=licence and [spdx | _stated(path=licence_url)],
+            sources=source and [{"title": source} | _stated(path=source_url)],
+            citation=card.text("citation"),
+        ),
+        "keywords": ["industrial robot", "stiffness", *subjects],
+        "generator": GENERATOR,
+        "resources": [
+            {
+                "$schema": f"{PROFILES}/dataresource.json",
+                "name": "samples",
+                "type": "table",
+                "path": path.name,
+                "format": "csv",
+                "mediatype": "text/csv",
+                "encoding": "utf-8",
+                "bytes": len(content),
+                "hash": f"sha256:{hashlib.sha256(content).hexdigest()}",
+                "rows": len(rows),
+                "schema": {
+                    "$schema": f"{PROFILES}/tableschema.json",
+                    "fields": fields,
+                    **_stated(primaryKey=key),
+                },
+            }
+        ],
+    }
+
+
+def croissant(package: Descriptor) -> Descriptor:
+    """Return the Croissant 1.0 metadata of a described file as a JSON object."""
+    (file,), records = package["resources"], "samples"
+    n_rows = counted(file["rows"], "row")
+    (licence,) = package.get("licenses", [{}])
+    (source,) = package.get("sources", [{}])
+    fields = [
+        {
+            "@type": "cr:Field",
+            "@id": f"{records}/{column['name']}",
+            "name": column["name"],
+            "description": column["description"],
+            "dataType": "sc:Float" if column["type"] == "number" else "sc:Text",
+            **_stated(unitText=column.get("unit")),
+            "source": {"fileObject": {"@id": file["path"]}, "extract": {"column": column["name"]}},
+        }
+        for column in file["schema"]["fields"]
+    ]
+    key = [{"@id": f"{records}/{name}"} for name in file["schema"].get("primaryKey", ())]
+    return {
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.0",
+        "name": package["title"],
+        "description": package["description"],
+        **_stated(
+            license=licence.get("path") or licence.get("title"),
+            url=source.get("path"),
+            citeAs=package.get("citation"),
+            version=package.get("version"),
+            datePublished=package.get("created", "")[:10],
+        ),
+        "keywords": package["keywords"],
+        "isLiveDataset": False,
+        "sdPublisher": {"@type": "Organization", "name": GENERATOR},
+        "distribution": [
+            {
+                "@type": "cr:FileObject",
+                "@id": file["path"],
+                "name": file["path"],
+                "contentUrl": file["path"],
+                "contentSize": f"{file['bytes']} B",
+                "encodingFormat": "text/csv",
+                "sha256": file["hash"].removeprefix("sha256:"),
+            }
+        ],
+        "recordSet": [
+            {
+                "@type": "cr:RecordSet",
+                "@id": records,
+                "name": records,
+                "description": f"{n_rows}, in the units of the columns' names",
+                **_stated(key=key),
+                "field": fields,
+            }
+        ],
+    }
+
+
+def _licence(card: DataCard) -> tuple[str, str]:
+    """Return SPDX identifier (or the card's own text) and URL of the licence, "" if unknown."""
+    text, url = card.text("licence"), card.url("licence")
+    word = re.split(r"[,;\s(]", text, maxsplit=1)[0].lower()
+    for identifier in LICENCES:
+        if identifier.lower() == word:
+            return identifier, url or f"https://spdx.org/licenses/{identifier}.html"
+    return text, url
 
 
 def descriptor_files(path: Path) -> tuple[Path, Path]:
@@ -227,146 +233,30 @@ def check_descriptor_files(path: Path) -> None:
             )
 
 
-def write_descriptors(file: DescribedFile) -> tuple[Path, Path]:
-    """Write both descriptors next to a file, and return their names.
+def write_descriptors(path: Path, package: Descriptor) -> tuple[Path, Path]:
+    """Write Croissant and the data `package` next to a CSV file, and return their names.
 
     Existing descriptors of stiffbench are replaced.
 
     Raises:
         StoreError: as `check_descriptor_files`, or a descriptor cannot be written.
     """
-    check_descriptor_files(file.path)
-    paths = descriptor_files(file.path)
-    for path, descriptor in zip(paths, (croissant(file), data_package(file)), strict=True):
-        with written_whole(path) as temporary:
+    check_descriptor_files(path)
+    paths = descriptor_files(path)
+    for descriptor_path, descriptor in zip(paths, (croissant(package), package), strict=True):
+        with written_whole(descriptor_path) as temporary:
             temporary.write_text(json_text(descriptor), encoding="utf-8")
     return paths
 
 
-def json_text(descriptor: dict[str, Any]) -> str:
+def json_text(descriptor: Descriptor) -> str:
     """Return a descriptor as indented JSON."""
     return json.dumps(descriptor, indent=1, ensure_ascii=False) + "\n"
 
 
-def croissant(file: DescribedFile) -> dict[str, Any]:
-    """Return the Croissant 1.0 metadata of a file as a JSON object."""
-    name, records = file.path.name, "samples"
-    licence, licence_url = file.licence
-    stated = {
-        "license": licence_url or licence,
-        "url": file.card.url("source"),
-        "citeAs": file.card.text("citation"),
-        "version": file.version,
-        "datePublished": file.published,
-    }
-    source = {"fileObject": {"@id": name}}
-    fields = [
-        {
-            "@type": "cr:Field",
-            "@id": f"{records}/{column.name}",
-            "name": column.name,
-            "description": column.text,
-            "dataType": "sc:Float" if column.is_number else "sc:Text",
-            **({"unitText": column_unit(column.name)} if column_unit(column.name) else {}),
-            "source": {**source, "extract": {"column": column.name}},
-        }
-        for column in file.columns
-    ]
-    key = [{"@id": f"{records}/{column}"} for column in file.key]
-    return {
-        "@context": CONTEXT,
-        "@type": "sc:Dataset",
-        "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": file.name,
-        "description": file.description,
-        **{fact: text for fact, text in stated.items() if text},
-        "keywords": file.keywords,
-        "isLiveDataset": False,
-        "sdPublisher": {"@type": "Organization", "name": GENERATOR},
-        "distribution": [
-            {
-                "@type": "cr:FileObject",
-                "@id": name,
-                "name": name,
-                "contentUrl": name,
-                "contentSize": f"{len(file.content)} B",
-                "encodingFormat": "text/csv",
-                "sha256": file.sha256,
-            }
-        ],
-        "recordSet": [
-            {
-                "@type": "cr:RecordSet",
-                "@id": records,
-                "name": records,
-                "description": f"{counted(file.n_rows, 'row')}, in the units of the columns' names",
-                **({"key": key} if key else {}),
-                "field": fields,
-            }
-        ],
-    }
-
-
-def data_package(file: DescribedFile) -> dict[str, Any]:
-    """Return the Frictionless data package of a file as a JSON object."""
-    licence, licence_url = file.licence
-    source = file.card.text("source")
-    licences = {"name": licence if licence in LICENCES else "other", "title": licence}
-    licences |= {"path": licence_url} if licence_url else {}
-    sources = {"title": source} | ({"path": url} if (url := file.card.url("source")) else {})
-    stated = {
-        "version": file.version,
-        "created": f"{file.published}T00:00:00Z" if file.published else "",
-        "licenses": [licences] if licence else [],
-        "sources": [sources] if source else [],
-        "citation": file.card.text("citation"),
-    }
-    key = {"primaryKey": [*file.key]} if file.key else {}
-    return {
-        "$schema": "https://datapackage.org/profiles/2.0/datapackage.json",
-        "name": _slug(file.name),
-        "title": file.name,
-        "description": file.description,
-        **{fact: text for fact, text in stated.items() if text},
-        "keywords": file.keywords,
-        "generator": GENERATOR,
-        "resources": [
-            {
-                "$schema": "https://datapackage.org/profiles/2.0/dataresource.json",
-                "name": "samples",
-                "type": "table",
-                "path": file.path.name,
-                "format": "csv",
-                "mediatype": "text/csv",
-                "encoding": "utf-8",
-                "bytes": len(file.content),
-                "hash": f"sha256:{file.sha256}",
-                "rows": file.n_rows,
-                "schema": {
-                    "$schema": "https://datapackage.org/profiles/2.0/tableschema.json",
-                    "fields": [_field(column) for column in file.columns],
-                    **key,
-                },
-            }
-        ],
-    }
-
-
-def _field(column: Column) -> dict[str, Any]:
-    unit = column_unit(column.name)
-    stated = {
-        "required": column.required or None,
-        "minimum": column.low,
-        "maximum": column.high,
-    }
-    constraints = {name: value for name, value in stated.items() if value is not None}
-    return {
-        "name": column.name,
-        "type": "number" if column.is_number else "string",
-        "description": column.text,
-        **({"unit": unit} if unit else {}),
-        **({"constraints": constraints} if constraints else {}),
-    }
+def _stated(**facts: Any) -> Descriptor:
+    """Return the facts that are not empty."""
+    return {name: value for name, value in facts.items() if value}
 
 
 def _content(path: Path) -> bytes:
@@ -413,18 +303,34 @@ def _odd_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return ""
 
 
-def _column(name: str, cells: Sequence[str], card: DataCard, limits: list[float] | None) -> Column:
-    filled_cells = [cell for cell in cells if cell]
-    numbers = (
-        name not in ID_COLUMNS and all(map(NUMBER.fullmatch, filled_cells)) and bool(filled_cells)
-    )
-    low = high = None
-    if numbers and limits is not None:  # rounding may exceed a limit in a checked row
+def _limits(robot: Robot | None) -> dict[str, list[float]]:
+    """Return the ends of joint positions and deflections, in the units of their columns."""
+    limits = {name: [-MAX_DEFLECTION_MM, MAX_DEFLECTION_MM] for name in DEFLECTION_COLUMNS}
+    if robot is not None:
+        ends = np.round(np.stack([robot.lower, robot.upper]) * file_units(robot), 6)
+        limits |= dict(zip(joint_columns(robot), ends.T.tolist(), strict=True))
+    return limits
+
+
+def _field(
+    name: str, cells: Sequence[str], card: DataCard, limits: dict[str, list[float]]
+) -> Descriptor:
+    """Return a column in Frictionless' words; numbers in it widen its limits."""
+    filled_cells, unit = [cell for cell in cells if cell], column_unit(name)
+    is_number = name not in ID_COLUMNS and bool(filled_cells)
+    is_number = is_number and all(map(NUMBER.fullmatch, filled_cells))
+    constraints: Descriptor = {"required": True} if len(filled_cells) == len(cells) else {}
+    if is_number and name in limits:  # rounding may exceed a limit in a checked row
         values = [float(cell) for cell in filled_cells]
-        low, high = min(limits[0], *values), max(limits[1], *values)
-        low, high = (None if np.isinf(end) else end for end in (low, high))
-    meaning = card.meanings.get(name) or column_meaning(name)
-    return Column(name, numbers, len(filled_cells) == len(cells), low, high, meaning)
+        ends = {"minimum": min(limits[name][0], *values), "maximum": max(limits[name][1], *values)}
+        constraints |= {end: value for end, value in ends.items() if not np.isinf(value)}
+    meaning = card.meanings.get(name) or (COLUMNS[name].meaning if name in COLUMNS else "")
+    return {
+        "name": name,
+        "type": "number" if is_number else "string",
+        "description": f"{meaning}{f' [{unit}]' if unit else ''}".strip() or name,
+        **_stated(unit=unit, constraints=constraints),
+    }
 
 
 def _key(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
@@ -437,8 +343,3 @@ def _key(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, ...
             if len({*values}) == len(rows) and all(map(all, values)) and not is_number:
                 return tuple(names)
     return ()
-
-
-def _slug(name: str) -> str:
-    """Return a valid name for a data package: lower case, no special characters."""
-    return re.sub(r"[^a-z0-9._]+", "-", name.lower()).strip("-") or "data"

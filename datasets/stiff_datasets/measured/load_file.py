@@ -17,11 +17,10 @@ import pandas as pd
 from pandas.api.types import infer_dtype
 
 from stiff_datasets.measured.row_checks import (
-    numbers_and_loads,
+    checked_table,
     outside_limits_text,
     problems_error,
     radian_problems,
-    table_problems,
 )
 from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
@@ -98,20 +97,17 @@ def loads_of(name: str, table: pd.DataFrame, robot: Robot) -> LoadTable:
 
 def _loads(cells: Sheet, robot: Robot) -> LoadTable:
     path, sheet = cells.path, cells.with_standard_columns(all_columns(robot))
-    problems = table_problems(sheet, all_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS), robot)
+    joints, further = joint_columns(robot), (*ID_COLUMNS, *DEFLECTION_COLUMNS)
+    sheet, numbers, problems = checked_table(sheet, (*joints, *WRENCH_COLUMNS), {}, further, robot)
     if problems:
         raise problems_error(path, problems)
-    joints = joint_columns(robot)
-    q_file, wrench, problems = numbers_and_loads(sheet, joints)
-    if problems:
-        raise problems_error(path, problems)
+    q_file, wrench = np.split(numbers, [len(joints)], axis=1)
     warning_texts = [*map(str, radian_problems(q_file, robot))]
     if outside_limits := outside_limits_text(sheet, q_file, robot):
         warning_texts.append(outside_limits)
     names = [name for name in ID_COLUMNS if name in sheet.cells]
     columns: dict[str, object] = {name: sheet.cells[name].to_numpy(dtype=object) for name in names}
-    columns |= dict(zip(joints, q_file.T, strict=True))
-    columns |= dict(zip(WRENCH_COLUMNS, wrench.T, strict=True))
+    columns |= dict(zip((*joints, *WRENCH_COLUMNS), numbers.T, strict=True))
     return LoadTable(
         q=q_file / file_units(robot),
         wrench=wrench,

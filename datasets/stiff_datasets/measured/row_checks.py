@@ -16,12 +16,13 @@ import numpy as np
 import pandas as pd
 
 from stiff_datasets.measured.sample_columns import (
+    COLUMNS,
     DEFLECTION_COLUMNS,
     LOADED_COLUMNS,
+    MAX_NUMBER,
     TORQUE_COLUMNS,
     UNITS,
     UNLOADED_COLUMNS,
-    WRENCH_COLUMNS,
     counted,
     file_units,
     joint_columns,
@@ -39,8 +40,6 @@ from stiff_protocols.contract.types import (
     TextArray,
 )
 
-MAX_NUMBER = 1e6
-"""N, N m, deg or mm; limit of loads, and of positions of joints without limits."""
 FULL_TURN_RAD = 2.0 * np.pi
 FULL_TURN_DEG = 360.0
 WIDEST_POSE = 10.0
@@ -205,31 +204,48 @@ def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -
     )
 
 
-def number_problems(
-    sheet: Sheet, columns: tuple[str, ...], values: FloatArray
-) -> Iterator[Problem]:
-    """Yield the cells of `columns` whose `values` (n, len(columns)) are not finite."""
-    for row, column in np.argwhere(~np.isfinite(values)):
+def checked_numbers(sheet: Sheet, columns: Sequence[str]) -> tuple[FloatArray, list[Problem]]:
+    """Return the (n, n_columns) numbers of a file and the problems of their cells.
+
+    A number that is not finite, or beyond the limit of its column, is NaN.
+    """
+    numbers = sheet.numbers(columns)
+    limits = np.array([COLUMNS[name].limit if name in COLUMNS else MAX_NUMBER for name in columns])
+    problems = [*bound_problems(sheet, columns, numbers, limits)]
+    for row, column in np.argwhere(~np.isfinite(numbers)):
         text = sheet.cells[columns[column]].iloc[row]
         valid = "a finite number"
         if isinstance(text, str) and MAYBE_GROUPED.fullmatch(text):
             valid += "; the point or comma may mark decimals or thousands in this file"
         elif sheet.is_formula(text):
             valid += f"; {FORMULA_HINT}"
-        yield cell_problem(sheet, row, columns[column], valid)
+        problems.append(cell_problem(sheet, row, columns[column], valid))
+    return np.where(np.abs(numbers) <= limits, numbers, np.nan), problems
 
 
-def numbers_and_loads(
-    sheet: Sheet, columns: tuple[str, ...]
-) -> tuple[FloatArray, FloatArray, list[Problem]]:
-    """Return (n, len(columns)) numbers and (n, 6) wrenches of a file, and their problems."""
-    numbers, wrench = sheet.numbers(columns), sheet.numbers(WRENCH_COLUMNS)
-    problems = [
-        *number_problems(sheet, columns, numbers),
-        *number_problems(sheet, WRENCH_COLUMNS, wrench),
-        *bound_problems(sheet, WRENCH_COLUMNS, wrench, MAX_NUMBER),
-    ]
-    return numbers, wrench, problems
+def checked_table(
+    sheet: Sheet,
+    columns: tuple[str, ...],
+    usual: Mapping[str, float],
+    further: tuple[str, ...] = (),
+    robot: Robot | None = None,
+) -> tuple[Sheet, FloatArray, list[Problem]]:
+    """Check a table's header and read the numbers below, and the problems of their cells.
+
+    Args:
+        sheet: the cells.
+        columns: columns of numbers.
+        usual: those that may be missing -> their numbers then.
+        further: other columns that the file may have.
+        robot: see `table_problems`.
+
+    Raises:
+        DataError: a column is missing or repeated, or the table has no rows.
+    """
+    if problems := table_problems(sheet, (*columns, *further), (*usual, *further), robot):
+        raise problems_error(sheet.path, problems)
+    sheet = with_missing_columns(sheet, usual)
+    return sheet, *checked_numbers(sheet, columns)
 
 
 def range_problems(
@@ -246,12 +262,15 @@ def range_problems(
 
 
 def bound_problems(
-    sheet: Sheet, columns: Sequence[str], values: FloatArray, limit: float
+    sheet: Sheet, columns: Sequence[str], values: FloatArray, limit: FloatArray | float
 ) -> Iterator[Problem]:
-    """Yield the cells whose (n, n_columns) `values`, in their columns' units, exceed +-`most`."""
-    units = [column.rpartition("_")[2] for column in columns]
-    valid = [f"{unit} within +-{limit:g}; is the file in another unit?" for unit in units]
-    return range_problems(sheet, columns, values, -limit, limit, valid)
+    """Yield the cells whose (n, n_columns) `values`, in their columns' units, exceed +-`limit`."""
+    limits = np.broadcast_to(limit, len(columns))
+    valid = [
+        f"{name.rpartition('_')[2]} within +-{most:g}; is the file in another unit?"
+        for name, most in zip(columns, limits, strict=True)
+    ]
+    return range_problems(sheet, columns, values, -limits, limits, valid)
 
 
 def radian_problems(q_file: FloatArray, robot: Robot) -> Iterator[Problem]:

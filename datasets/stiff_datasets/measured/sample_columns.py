@@ -12,6 +12,8 @@ and what remained after the load was taken off (``after_dx_mm, after_dy_mm, afte
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -41,37 +43,6 @@ MAX_CELL_LENGTH = 100
 _MAX_CELL_SHOWN = 60
 """Characters of an invalid cell in a message."""
 
-_JOINT_WORDS = (
-    "joints?|jointangles?|jointpositions?|axis|axes|axisangles?|angles?|"
-    "gelenke?|gelenkwinkel|achsen?|achswinkel|achsenwinkel|achsstellung(?:en)?|winkel"
-)
-_VECTORS = (  # standard letter, other letters, words
-    ("f", "f", "forces?|kraft|kräfte"),
-    ("t", "[tm]", "torques?|moments?|momente|drehmomente?"),
-    (
-        *("d", "[duδ]|delta"),
-        "deflections?|displacements?|deformations?|"
-        "(?:auslenkung|verformung|verschiebung|verlagerung)(?:en)?",
-    ),
-)
-_POSITIONS = (("0", "unloaded|unbelastet|ohnelast"), ("1", "loaded|belastet|mitlast"))
-_ALIASES = (
-    ("{}_id", "(pose|load)(?:id)?"),
-    ("q{}", f"(?:{_JOINT_WORDS}|(?:{_JOINT_WORDS})?(?:[ajq]|theta|θ))([1-9])"),
-    *((f"{d}{{}}", f"(?:{words}|(?:{words})?(?:{ds}))([xyz])") for d, ds, words in _VECTORS),
-    *((f"{{}}{number}", f"(?:{words})([xyz])") for number, words in _POSITIONS),
-    *((f"{{}}{number}", f"([xyz])(?:{words})") for number, words in _POSITIONS),
-    (ORDER, "()(?:time|timestamp|zeit|zeitstempel|reihenfolge)"),
-)
-"""Standard name of a column -> pattern of its aliases, in lower case, without unit, blanks, hyphens
-and underscores."""
-NAMES = {
-    *ID_COLUMNS,
-    *(f"{kind}{axis}" for kind in "ftd" for axis in "xyz"),
-    *(f"{axis}{number}" for axis in "xyz" for number in "01"),
-    *(f"q{i}" for i in range(1, 10)),
-}
-"""Names of columns without their units."""
 UNITS = {
     "deg": {"deg": 1.0, "degrees": 1.0, "grad": 1.0, "°": 1.0, "rad": DEG_PER_RAD},
     "mm": {"mm": 1.0, "m": MM_PER_M, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3},
@@ -79,6 +50,120 @@ UNITS = {
     "Nm": {"nm": 1.0, "knm": 1e3, "nmm": 1e-3},
 }
 """Standard unit -> units in headers, in lower case -> factor to the standard unit."""
+MAX_NUMBER = 1e6
+"""N, N m, deg or mm; no number of a file is larger."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of files; `{}` stands for each axis, or for the number of each joint.
+
+    Attributes:
+        name: its name without the unit.
+        unit: one of `UNITS`, at the end of its name in a file; "" for none.
+        meaning: what it holds, in words.
+        aliases: pattern of names in lower case, without unit, blanks, hyphens and underscores; the
+            group is what `{}` stands for.
+        limit: largest size of a number, in its unit.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    aliases: str = "(?!)"
+    limit: float = MAX_NUMBER
+
+
+def _vector(
+    name: str, unit: str, meaning: str, letters: str, words: str, limit: float = MAX_NUMBER
+) -> Column:
+    aliases = f"(?:{words}|(?:{words})?(?:{letters}))([xyz])"
+    return Column(name, unit, f"{meaning}, {{}} component, robot base frame", aliases, limit)
+
+
+def _position(name: str, state: str, words: str) -> Column:
+    meaning = f"position of the {state} TCP, {{}} coordinate, in a frame with the base's axes"
+    return Column(name, "mm", meaning, f"(?:{words})([xyz])|([xyz])(?:{words})")
+
+
+_JOINT_WORDS = (
+    "joints?|jointangles?|jointpositions?|axis|axes|axisangles?|angles?|"
+    "gelenke?|gelenkwinkel|achsen?|achswinkel|achsenwinkel|achsstellung(?:en)?|winkel"
+)
+_JOINT = "position of joint {} (joint 1 at the base) of the unloaded robot"
+_POSE = "name of the robot pose; rows of one pose have the same joint positions"
+HEADER_COLUMNS = (
+    Column("pose_id", "", _POSE, "pose(?:id)?"),
+    Column("load_id", "", "name of the load at the pose", "load(?:id)?"),
+    Column("group", "", "part of the measurement that the pose belongs to"),
+    Column(
+        "q{}",
+        "deg",
+        _JOINT,
+        f"(?:{_JOINT_WORDS}|(?:{_JOINT_WORDS})?(?:[ajq]|theta|θ))([1-9])",
+    ),
+    _vector("f{}", "N", "force on the robot at the TCP", "f", "forces?|kraft|kräfte"),
+    _vector(
+        "t{}",
+        "Nm",
+        "torque on the robot at the TCP",
+        "[tm]",
+        "torques?|moments?|momente|drehmomente?",
+    ),
+    _vector(
+        "d{}",
+        "mm",
+        "deflection of the TCP (loaded minus unloaded position)",
+        "[duδ]|delta",
+        "deflections?|displacements?|deformations?|"
+        "(?:auslenkung|verformung|verschiebung|verlagerung)(?:en)?",
+        np.inf,  # checked with their unit
+    ),
+    _position("{}0", "unloaded", "unloaded|unbelastet|ohnelast"),
+    _position("{}1", "loaded", "loaded|belastet|mitlast"),
+)
+"""Columns that make a row the header of a table."""
+FURTHER_COLUMNS = (
+    Column("q{}", "mm", _JOINT),
+    Column(
+        ORDER,
+        "",
+        "number or time of the reading, in the order of the measurement",
+        "time|timestamp|zeit|zeitstempel|reihenfolge",
+        np.inf,
+    ),
+    Column(
+        "approach_q{}",
+        "",
+        "direction from which joint {} reached the pose: 1, -1, or 0 if it did not move",
+    ),
+    Column(
+        "after_d{}",
+        "mm",
+        "displacement of the TCP that stays after the load is taken off, {} component, robot base "
+        "frame",
+    ),
+    Column("{}", "mm", "", limit=1e5),
+    *(Column(angle, "deg", "", limit=1e4) for angle in "abc"),
+)
+"""Columns that samples may have, too, and columns of paths."""
+
+
+def _single_columns(columns: tuple[Column, ...]) -> Iterator[Column]:
+    """Yield the column of each axis and each joint."""
+    for column in columns:
+        for key in "123456789" if "q{}" in column.name else "xyz" if "{}" in column.name else "-":
+            name, meaning = column.name.format(key), column.meaning.format(key)
+            yield replace(column, name=name, meaning=meaning)
+
+
+NAMES = {column.name: UNITS.get(column.unit, {}) for column in _single_columns(HEADER_COLUMNS)}
+"""Name in a header, without unit -> factors of its units."""
+COLUMNS = {
+    f"{column.name}_{column.unit}".rstrip("_"): column
+    for column in _single_columns((*HEADER_COLUMNS, *FURTHER_COLUMNS))
+}
+"""Name in a file -> column."""
 _UNIT_WORDS = "|".join(unit for units in UNITS.values() for unit in units)
 _HEADER = re.compile(
     rf"(.+?)[\s_]*(?:[\[(]\s*(.*?)\s*[\])]|(?:/\s*|\s+in\s+|[\s_])({_UNIT_WORDS}))?"
@@ -96,11 +181,11 @@ def split_header(header: str) -> tuple[str, str]:
     text = re.sub(r"n[ ·⋅*]m", "nm", header.strip().lower())
     match = _HEADER.fullmatch(text)
     name, bracketed_unit, plain_unit = match.groups() if match else (text, None, None)
-    bare_name = re.sub(r"[\s_-]", "", name)
-    for standard_name, pattern in _ALIASES:
-        if alias := re.fullmatch(pattern, bare_name):
-            bare_name = standard_name.format(alias[1])
-    return bare_name, bracketed_unit or plain_unit or ""
+    bare_name, unit = re.sub(r"[\s_-]", "", name), bracketed_unit or plain_unit or ""
+    for column in (*HEADER_COLUMNS, *FURTHER_COLUMNS):
+        if alias := re.fullmatch(column.aliases, bare_name):
+            return column.name.format(*filter(None, alias.groups())), unit
+    return bare_name, unit
 
 
 def joint_columns(robot: Robot) -> tuple[str, ...]:
@@ -155,35 +240,8 @@ def counted(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
-_MEANINGS = {
-    "pose_id": "name of the robot pose; rows of one pose have the same joint positions",
-    "load_id": "name of the load at the pose",
-    "group": "part of the measurement that the pose belongs to",
-    ORDER: "number or time of the reading, in the order of the measurement",
-}
-_VECTOR_MEANINGS = {
-    r"f([xyz])_N": "force on the robot at the TCP, {} component, robot base frame",
-    r"t([xyz])_Nm": "torque on the robot at the TCP, {} component, robot base frame",
-    r"d([xyz])_mm": "deflection of the TCP (loaded minus unloaded position), {} component, robot "
-    "base frame",
-    r"([xyz])0_mm": "position of the unloaded TCP, {} coordinate, in a frame with the base's axes",
-    r"([xyz])1_mm": "position of the loaded TCP, {} coordinate, in a frame with the base's axes",
-    r"after_d([xyz])_mm": "displacement of the TCP that stays after the load is taken off, {} "
-    "component, robot base frame",
-    r"approach_q([1-9])": "direction from which joint {} reached the pose: 1, -1, or 0 if it did "
-    "not move",
-    r"q([1-9])_(?:deg|mm)": "position of joint {} (joint 1 at the base) of the unloaded robot",
-}
 _UNIT_NAMES = {"deg": "deg", "N": "N", "Nm": "N m", "mm": "mm", "mm_s": "mm/s"}
 """End of a column's name -> the unit in text."""
-
-
-def column_meaning(column: str) -> str:
-    """Return the meaning of a standard column; "" for another column."""
-    for pattern, meaning in _VECTOR_MEANINGS.items():
-        if match := re.fullmatch(pattern, column):
-            return meaning.format(match[1])
-    return _MEANINGS.get(column, "")
 
 
 def column_unit(column: str) -> str:

@@ -5,12 +5,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,15 +18,14 @@ from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.row_checks import (
     FORMULA_HINT,
     LIMIT_TOLERANCE,
-    MAX_NUMBER,
     NO_TORQUE,
     POSITIONS_TEXT,
     Problem,
     bound_problems,
     cell_problem,
+    checked_numbers,
     limit_problems,
     linked_rows,
-    number_problems,
     outside_limits_text,
     pose_doubts,
     pose_reach,
@@ -46,6 +43,7 @@ from stiff_datasets.measured.sample_columns import (
     ID_COLUMNS,
     LOADED_COLUMNS,
     MAX_CELL_LENGTH,
+    MAX_NUMBER,
     MM_PER_M,
     ORDER,
     TORQUE_COLUMNS,
@@ -86,22 +84,7 @@ MIN_DEFLECTION_MM = 0.01
 POSITION_TOLERANCE = 0.2
 """Share by which positions of a tool may differ from the robot description."""
 MIN_POSITIONS = 5
-EMPTY_SIGNS = {
-    "",
-    "-",
-    "--",
-    "\u2014",
-    "?",
-    "n/a",
-    "na",
-    "nan",
-    "none",
-    "null",
-    "<na>",
-    "nat",
-    "tbd",
-    "todo",
-}
+EMPTY_SIGNS = {"", *"- -- \u2014 ? n/a na nan none null <na> nat tbd todo".split()}
 """Signs of a cell that is not filled in yet, in lower case."""
 
 
@@ -233,30 +216,23 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     sheet, unfilled = _without_unfilled(sheet, columns[n + len(WRENCH_COLUMNS) :])
     if sheet.cells.empty:
         return CheckedSamples(sheet, junk, unfilled=unfilled)
-    numbers = sheet.numbers(columns)  # positions: deg, and mm of prismatic joints
+    numbers, number_problems = checked_numbers(sheet, columns)
+    # positions: deg, and mm of prismatic joints
     q_file, wrench, measured_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
     near = linked_rows(q_file, options.pose_tolerance, robot.turns)
     sheet = _with_names(sheet, near, pose_reach(robot, options.pose_tolerance))
-    stated = tuple(name for name in optional_columns(robot) if name in sheet.cells)
-    extra = _optional_numbers(sheet, stated)
-    unreadable = [
-        *(*junk, *_id_problems(sheet), *number_problems(sheet, columns, numbers)),
-        *_optional_problems(sheet, stated, extra, robot),
-    ]
-    far = [*bound_problems(sheet, WRENCH_COLUMNS, wrench, MAX_NUMBER)]
-    if measured_mm.shape[1] > len(DEFLECTION_COLUMNS):
-        far.extend(bound_problems(sheet, columns[-6:], measured_mm, MAX_NUMBER))
+    further, further_problems = _further_fields(sheet, robot)
+    unreadable = [*junk, *_id_problems(sheet), *number_problems, *further_problems]
     sheet, deflection_mm = _deflections(sheet, measured_mm)
     problems = [
         *unreadable,
-        *far,
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot, LIMIT_TOLERANCE),
         *_deflection_problems(sheet, deflection_mm, q_file, robot),
         *_pose_problems(sheet, q_file, robot, near),
     ]
     problems.sort(key=lambda problem: problem.row or 0)
-    if unreadable:
+    if unreadable or (np.abs(deflection_mm) > MAX_NUMBER).any():
         return CheckedSamples(sheet, problems, unfilled=unfilled)
     pose_id, load_id, group = (sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS)
     samples = Samples(
@@ -266,7 +242,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
         pose_id=pose_id,
         load_id=load_id,
         group=group,
-        **_optional_fields(stated, extra, robot),
+        **further,
     )
     positions = None
     if {*UNLOADED_COLUMNS} <= {*sheet.cells}:
@@ -305,48 +281,43 @@ def _frame(positions: FloatArray | None, q: FloatArray, robot: Robot) -> Frame |
     return frame
 
 
-def _optional_numbers(sheet: Sheet, stated: tuple[str, ...]) -> FloatArray:
-    """Return the (n, k) numbers of the optional columns; times are seconds after the first."""
-    numbers = sheet.numbers(stated) if stated else np.empty((len(sheet.cells), 0))
-    if ORDER in stated and np.isnan(numbers[:, 0]).all():
+def _further_fields(sheet: Sheet, robot: Robot) -> tuple[dict[str, FloatArray], list[Problem]]:
+    """Return the fields of `Samples` that optional columns state, and the columns' problems."""
+    fields: dict[str, FloatArray] = {}
+    problems: list[Problem] = []
+    if ORDER in sheet.cells:
+        fields["order"], problems = _order(sheet)
+    approach = optional_columns(robot)[1 : 1 + robot.n_joints]
+    for field, columns, unit in (("approach", approach, 1.0), ("after", AFTER_COLUMNS, MM_PER_M)):
+        missing = [name for name in columns if name not in sheet.cells]
+        if 0 < len(missing) < len(columns):
+            problems.append(Problem(f"header: missing {', '.join(missing)}", ", ".join(columns)))
+        if missing:
+            continue
+        numbers, number_problems = checked_numbers(sheet, columns)
+        is_direction = (field != "approach") | np.isnan(numbers) | np.isin(numbers, (-1, 0, 1))
+        problems += number_problems
+        problems += [
+            cell_problem(sheet, row, columns[i], "1, -1 or 0")
+            for row, i in np.argwhere(~is_direction)
+        ]
+        fields[field] = numbers / unit
+    return fields, problems
+
+
+def _order(sheet: Sheet) -> tuple[FloatArray, list[Problem]]:
+    """Return (n,) numbers of reading, or its times in s after the first, and their problems."""
+    order = sheet.numbers((ORDER,))[:, 0]
+    if np.isnan(order).all():
         cells = sheet.cells[ORDER].astype(str)
         times = pd.to_datetime(cells, format="ISO8601", errors="coerce", utc=True)
         since = times - times.min()
         if since.isna().all():  # times of a day
             since = pd.to_timedelta(cells, errors="coerce")
-        numbers[:, 0] = since.dt.total_seconds()
-    return numbers
-
-
-def _optional_problems(
-    sheet: Sheet, stated: tuple[str, ...], numbers: FloatArray, robot: Robot
-) -> Iterator[Problem]:
-    """Yield invalid cells of the optional columns, and columns that miss their neighbours."""
-    for row, place in np.argwhere(~np.isfinite(numbers)):
-        valid = "a number, or a time such as 2026-11-28T10:15:00"
-        column = stated[place]
-        yield cell_problem(sheet, row, column, valid if column == ORDER else "a number")
-    for row, place in np.argwhere(np.isfinite(numbers) & ~np.isin(numbers, (-1.0, 0.0, 1.0))):
-        if stated[place].startswith("approach_"):
-            yield cell_problem(sheet, row, stated[place], "1, -1 or 0")
-    for group in (optional_columns(robot)[1 : 1 + robot.n_joints], AFTER_COLUMNS):
-        missing = [name for name in group if name not in stated]
-        if missing and len(missing) < len(group):
-            yield Problem(f"header: missing {', '.join(missing)}", ", ".join(group))
-
-
-def _optional_fields(stated: tuple[str, ...], numbers: FloatArray, robot: Robot) -> dict[str, Any]:
-    """Return the fields of `Samples` that the optional columns state."""
-    of_column = dict(zip(stated, numbers.T, strict=True))
-    fields: dict[str, Any] = {}
-    if ORDER in stated:
-        fields["order"] = of_column[ORDER]
-    if "approach_q1" in stated:
-        signs = [of_column[f"approach_q{i + 1}"] for i in range(robot.n_joints)]
-        fields["approach"] = np.column_stack(signs)
-    if AFTER_COLUMNS[0] in stated:
-        fields["after"] = np.column_stack([of_column[name] for name in AFTER_COLUMNS]) / MM_PER_M
-    return fields
+        order = since.dt.total_seconds().to_numpy()
+    valid = "a number, or a time such as 2026-11-28T10:15:00"
+    rows = np.flatnonzero(~np.isfinite(order))
+    return order, [cell_problem(sheet, row, ORDER, valid) for row in rows]
 
 
 def _with_positions(
@@ -512,7 +483,7 @@ def _deflection_problems(
     far = readable & (size.max(axis=1) > MAX_DEFLECTION_MM)
     if far.sum() > 0.5 * len(size):
         tcp = robot.forward(q_file[readable] / file_units(robot)).points[:, -1]
-        if _are_positions(deflection_mm[readable], tcp * MM_PER_M):
+        if _are_positions(deflection_mm[readable] / MM_PER_M, tcp):
             yield Problem(
                 "dx_mm.. look like absolute positions of the TCP; subtract the unloaded position "
                 f"from the loaded one, or give both: {POSITIONS_TEXT}",
@@ -545,21 +516,16 @@ def _likely_units(size: FloatArray) -> str:
 
 
 def _are_positions(values: FloatArray, tcp: FloatArray) -> bool:
-    """Test if (n, 3) values, mm, are positions of the TCP, not deflections.
+    """Test if (n, 3) values, m, are positions of the TCP, not deflections.
 
-    Such values are near (n, 3) `tcp`, mm in the base frame, or near `tcp` turned and shifted.
+    Such values are near (n, 3) `tcp`, m in the base frame, or near `tcp` turned and shifted.
     """
-    from scipy.spatial.transform import Rotation
-
     if np.linalg.norm(values - tcp) < POSITION_TOLERANCE * np.linalg.norm(tcp):
         return True
-    if len(np.unique(tcp.round(), axis=0)) < MIN_POSITIONS:
+    if len(np.unique(tcp.round(3), axis=0)) < MIN_POSITIONS:
         return False
-    about_middle, tcp_about_middle = values - values.mean(axis=0), tcp - tcp.mean(axis=0)
-    with warnings.catch_warnings():  # for poses on one line
-        warnings.simplefilter("ignore", UserWarning)
-        _, distance = Rotation.align_vectors(about_middle, tcp_about_middle)
-    return bool(distance < POSITION_TOLERANCE * np.linalg.norm(tcp_about_middle))
+    size = np.linalg.norm(tcp - tcp.mean(axis=0))
+    return bool(np.linalg.norm(fit_frame(values, tcp).distance) < POSITION_TOLERANCE * size)
 
 
 def _pose_problems(

@@ -73,8 +73,6 @@ NUMBER = re.compile(rf"{_SIGN}(\d+(\.\d*)?|\.\d+)([eE]{_SIGN}\d+)?", re.ASCII)
 _GROUPED = re.compile(rf"{_SIGN}\d{{1,3}}(?:(?:\.\d{{3}})+,|(?:,\d{{3}})+\.)\d+", re.ASCII)
 """A number with thousands separators and decimals. For 1.234 see `MAYBE_GROUPED`."""
 MAYBE_GROUPED = re.compile(rf"{_SIGN}[1-9]\d{{0,2}}[.,]\d{{3}}", re.ASCII)
-_UNIT_OF_KIND = {"q": "deg", "f": "N", "t": "Nm"}
-"""First letter of a column's name -> its standard unit; mm for all others."""
 _MIN_HEADER_NAMES, _MAX_TITLE_ROWS = 3, 20
 """The header is the first row with three names of columns, among the first twenty rows."""
 _MAX_NAMES_SHOWN = 1000
@@ -173,36 +171,27 @@ class Sheet:
         ``A1``, ``q1 [rad]``, ``Fx[kN]``, ``dx_um``.
         """
         column_by_name = {split_header(column)[0]: column for column in columns}
-        column_by_index: dict[int, str] = {}
+        file_headers = [*self.cells.columns]
+        used: dict[int, str] = {}
         factors: dict[str, float] = {}
         odd_units: dict[str, str] = {}
-        for i, header in enumerate(self.cells.columns):
+        for i, header in enumerate(file_headers):
             name, unit = split_header(header)
             column = column_by_name.get(name, "")
             standard_unit = column.rpartition("_")[2]
-            standard_unit = standard_unit if standard_unit in UNITS else ""
-            factor = UNITS[standard_unit].get(unit) if standard_unit and unit else 1.0
-            if factor is None:
-                valid_units = (
-                    valid_unit
-                    for valid_unit in UNITS[standard_unit]
-                    if valid_unit.isascii() and valid_unit != standard_unit.lower()
-                )
+            units = UNITS.get(standard_unit, {})
+            if column and (not unit or unit in units):
+                used[i] = column
+                factors |= {column: units[unit]} if units.get(unit, 1.0) != 1.0 else {}
+            elif units:
+                valid_units = (u for u in units if u.isascii() and u != standard_unit.lower())
                 odd_units[header] = ", ".join([standard_unit, *valid_units])
-            if not column or factor is None or (unit and not standard_unit):
-                continue
-            column_by_index[i] = column
-            if factor != 1.0:
-                factors[column] = factor
-        file_headers = list(self.cells.columns)
         return replace(
             self,
-            cells=self.cells.iloc[:, list(column_by_index)].set_axis(
-                list(column_by_index.values()), axis="columns"
-            ),
+            cells=self.cells.iloc[:, [*used]].set_axis([*used.values()], axis="columns"),
             factors=factors,
-            headers={column: file_headers[i] for i, column in column_by_index.items()},
-            unused=tuple(name for i, name in enumerate(file_headers) if i not in column_by_index),
+            headers={column: file_headers[i] for i, column in used.items()},
+            unused=tuple(name for i, name in enumerate(file_headers) if i not in used),
             odd_units=odd_units,
         )
 
@@ -459,10 +448,8 @@ def _with_units(path: Path, names: list[str], units: list[str], number: int) -> 
     named_columns = []
     for name, unit in zip(names, units, strict=True):
         standard_name, stated = split_header(name)
-        is_same_unit = any(
-            factors.get(unit) == factors.get(stated) is not None for factors in UNITS.values()
-        )
-        if stated and unit and unit != stated and standard_name in NAMES and not is_same_unit:
+        factors = NAMES.get(standard_name, {})
+        if stated and unit and factors.get(unit) != factors.get(stated):
             raise DataError(f"{path}: row {number}: unit {unit!r} of the column {name!r}")
         needed = unit and not stated and standard_name not in ID_COLUMNS
         named_columns.append(f"{name} [{unit}]" if needed else name)
@@ -484,24 +471,15 @@ def _with_labels(names: Sequence[str], labels: Sequence[str]) -> list[str]:
             word, unit = split_header(label)
         bare_name, stated = split_header(name)
         together = split_header(f"{word} {name}")[0]
-        factors = UNITS[_UNIT_OF_KIND.get(bare_name[0], "mm")] if bare_name in NAMES else {}
+        factors, is_name = NAMES.get(bare_name, {}), bare_name in NAMES
         if unit in factors and factors.get(stated, factors[unit]) != factors[unit]:
             states_unit, name = True, f"{name} [{label}]"  # two units: refused
-        elif (
-            len(word) > 1
-            and together in NAMES
-            and (bare_name == together or bare_name not in NAMES)
-        ):
+        elif len(word) > 1 and together in NAMES and (bare_name == together or not is_name):
             used_labels.add(word)
             states_unit |= bare_name == together and bool(unit and not stated)
             name = name if bare_name == together else f"{word} {name}"
             name += f" [{unit}]" * bool(unit and not stated)
-        elif (
-            bare_name in {*NAMES} - {*ID_COLUMNS}
-            and not stated
-            and UNITS[_UNIT_OF_KIND.get(bare_name[0], "mm")].get(unit, 1.0) != 1.0
-            and label.strip().endswith(("]", ")"))
-        ):
+        elif not stated and factors.get(unit, 1.0) != 1.0 and label.strip().endswith(("]", ")")):
             states_unit, name = True, f"{name} [{label}]"
         joined.append(name)
     return joined if states_unit or len(used_labels) > 1 else [*names]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffbench as sb
-from stiff_datasets.measured.card_text import own_card
+from stiff_datasets.measured.data_card import new_card
 from stiff_datasets.measured.sheet_files import sample_table
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import BenchmarkData
@@ -82,7 +82,7 @@ def test_names_in_files_are_printed_without_control_signs(given, tmp_path):
     assert all(sign.isprintable() or sign == "\n" for sign in report)
     assert r"\x1b[2J" in report
     robot = dataclasses.replace(given.data.robot, name=HOSTILE)
-    card = own_card(path, BenchmarkData(given.data.samples, robot), False, {"Source": HOSTILE})
+    card = new_card(HOSTILE, BenchmarkData(given.data.samples, robot), {})
     assert "\x1b" not in card and r"\x1b[2J" in card
 
 

@@ -15,7 +15,6 @@ from helpers.shipped_descriptors import FOLDER, ROBOTS, described
 from stiff_datasets.measured.data_card import parse_card
 from stiff_datasets.measured.descriptors import (
     croissant,
-    data_package,
     describe,
     descriptor_files,
     json_text,
@@ -71,9 +70,9 @@ def test_every_data_file_that_is_shipped_has_descriptors():
 
 @shipped
 def test_the_committed_descriptors_are_those_of_file_card_and_code(name):
-    file = described(name)
-    written = [path.read_text("utf-8") for path in descriptor_files(file.path)]
-    assert written == [json_text(croissant(file)), json_text(data_package(file))], (
+    package = described(name)
+    written = [path.read_text("utf-8") for path in descriptor_files(FOLDER / name)]
+    assert written == [json_text(croissant(package)), json_text(package)], (
         "run: python tests/helpers/shipped_descriptors.py"
     )
 
@@ -141,7 +140,7 @@ def without_hash(package: Path) -> None:
 def test_the_schema_tells_a_row_that_cannot_be(file, kr10, old, new, kind):
     from frictionless import validate
 
-    package = write_descriptors(describe(file, kr10))[1]
+    package = write_descriptors(file, describe(file, kr10))[1]
     without_hash(package)
     assert is_valid(package)
     file.write_text(file.read_text().replace(old, new))
@@ -150,7 +149,7 @@ def test_the_schema_tells_a_row_that_cannot_be(file, kr10, old, new, kind):
 
 @shipped
 def test_every_column_has_a_meaning_and_every_number_a_unit(name):
-    for column in data_package(described(name))["resources"][0]["schema"]["fields"]:
+    for column in described(name)["resources"][0]["schema"]["fields"]:
         assert column["description"] not in ("", column["name"])
         assert ("unit" in column) == (column["type"] == "number")
 
@@ -165,8 +164,8 @@ def test_the_facts_of_the_card_are_in_both(file):
         "| column | meaning |\n|---|---|\n| `q1_deg` .. `q6_deg` | by encoder |\n"
         "| dx_mm | by laser tracker |\n"
     )
-    described_file = describe(file)
-    jsonld, package = croissant(described_file), data_package(described_file)
+    package = describe(file)
+    jsonld = croissant(package)
     for descriptor in (jsonld, package):
         assert descriptor["description"].startswith("Twelve poses")
         assert descriptor["version"] == "1.2.0"
@@ -178,8 +177,7 @@ def test_the_facts_of_the_card_are_in_both(file):
     meanings = {field["name"]: field["description"] for field in jsonld["recordSet"][0]["field"]}
     assert meanings["q5_deg"] == "by encoder [deg]"
     assert meanings["dx_mm"] == "by laser tracker [mm]"
-    assert described_file.missing_facts == []
-    write_descriptors(described_file)
+    write_descriptors(file, package)
     assert is_valid(descriptor_files(file)[1]) and len(records(descriptor_files(file)[0])) == 1
 
 
@@ -195,31 +193,30 @@ def test_the_facts_of_the_card_are_in_both(file):
 )
 def test_a_licence_is_an_spdx_identifier_a_url_or_a_text(file, text, licence):
     card = parse_card(f"| | |\n|---|---|\n| Licence | {text} |\n", file)
-    described_file = describe(file, card=card)
-    assert described_file.licence == licence
-    write_descriptors(described_file)
+    package = describe(file, card=card)
+    (stated,) = package.get("licenses", [{}])
+    assert (stated.get("title", ""), stated.get("path", "")) == licence
+    write_descriptors(file, package)
     assert is_valid(descriptor_files(file)[1])
 
 
 def test_a_file_without_a_card_has_descriptors_without_its_facts(file):
-    described_file = describe(file)
-    assert described_file.missing_facts == "licence citation source version published".split()
-    paths = write_descriptors(described_file)
+    paths = write_descriptors(file, describe(file))
     assert not {*json.loads(paths[0].read_text())} & {"license", "citeAs", "url", "version"}
     assert is_valid(paths[1])
 
 
 def test_descriptors_are_replaced_unless_another_program_wrote_them(file):
-    paths = write_descriptors(describe(file))
+    paths = write_descriptors(file, describe(file))
     file.with_suffix(".md").write_text("| | |\n|---|---|\n| Version | 2.0.0 |\n")
-    assert write_descriptors(describe(file)) == paths
+    assert write_descriptors(file, describe(file)) == paths
     assert json.loads(paths[1].read_text())["version"] == "2.0.0"
     for foreign_text in ('{"name": "mine"}', "[]", "no JSON"):
         for path in paths:
-            write_descriptors(describe(file))
+            write_descriptors(file, describe(file))
             path.write_text(foreign_text)
             with pytest.raises(StoreError, match=re.escape(f"{path}: exists")):
-                write_descriptors(describe(file))
+                write_descriptors(file, describe(file))
             assert path.read_text() == foreign_text
             path.unlink()
 
@@ -245,7 +242,7 @@ def test_a_file_that_is_not_plain_csv_is_refused_with_the_command_that_writes_it
 
 
 def test_limits_of_joints_are_the_robots(file, kr10):
-    fields = data_package(describe(file, kr10))["resources"][0]["schema"]["fields"]
+    fields = describe(file, kr10)["resources"][0]["schema"]["fields"]
     constraints = {field["name"]: field.get("constraints", {}) for field in fields}
     assert (constraints["q1_deg"]["minimum"], constraints["q1_deg"]["maximum"]) == (-170.0, 170.0)
     assert constraints["fx_N"] == constraints["pose_id"] == {"required": True}

@@ -208,8 +208,10 @@ def test_positions_that_stand_twice_are_never_guessed(read, above):
 @pytest.mark.parametrize("column", ["q1_deg", "fx_N", "tz_Nm", "dy_mm"])
 def test_numbers_beyond_any_robot_are_refused_with_row_and_column(read, number, column):
     cells = dict(zip(HEADER.split(","), GOOD.split(","), strict=True)) | {column: number}
-    with pytest.raises(DataError, match=rf"row 3, column {column}: '{number[:50]}"):
-        read("\n".join([HEADER, GOOD, ",".join(cells.values()).replace("P1,1", "P2,1")]))
+    text = "\n".join([HEADER, GOOD, ",".join(cells.values()).replace("P1,1", "P2,1")])
+    for reader in (read_samples,) if column == "dy_mm" else (read_samples, read_loads):
+        with pytest.raises(DataError, match=rf"row 3, column {column}: '{number[:50]}"):
+            read(text, reader)
 
 
 def test_positions_beyond_any_instrument_are_refused_though_their_difference_is_small(read):

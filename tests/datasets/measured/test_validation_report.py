@@ -84,6 +84,18 @@ def test_a_wrench_in_the_tool_frame_with_other_axes_is_named(measurement):
     assert only(report.warnings, f"wrench looks as if it were {words}")
 
 
+@pytest.mark.parametrize("column", ["q1_deg", "fx_N", "dy_mm", "after_dx_mm"])
+def test_a_number_beyond_any_robot_is_the_only_error_and_no_model_is_fitted_to_it(
+    fanuc, tmp_path, column
+):
+    measurement = Measurement(fanuc.samples.take(np.arange(20)), fanuc.robot, tmp_path / "my.csv")
+    after = dict.fromkeys(("after_dx_mm", "after_dy_mm", "after_dz_mm"), 0.0)
+    table = measurement.table().assign(**after)
+    table.loc[3, column] = 1e100
+    (error,) = measurement.report_of(table).errors
+    assert error.rows == (5,) and column in error.message and "1e+100" in error.message
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("factor", "unit"), [(1000.0, "grams"), (0.001, "tonnes")])
 def test_masses_in_another_unit_are_named_and_no_other_unit_is_blamed(twin, tmp_path, factor, unit):
