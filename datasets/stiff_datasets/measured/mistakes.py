@@ -31,7 +31,16 @@ specimens the largest gain beyond chance was negative."""
 ALIGNED = np.deg2rad(1.0)
 """rad; axes of joints are parallel within this angle."""
 UP = np.array([0.0, 0.0, 1.0])
-LOAD_VECTORS = ("force", "torque")
+LOAD_VECTORS, DEFLECTION = ("force", "torque"), ("deflection",)
+EVERY_VECTOR = (*LOAD_VECTORS, *DEFLECTION)
+LOOKS = {
+    LOAD_VECTORS: "the wrench looks as if it",
+    ("force",): "the forces look as if they",
+    ("torque",): "the torques look as if they",
+    DEFLECTION: "the deflections look as if they",
+    EVERY_VECTOR: "wrench and deflections look as if they",
+}
+"""Vectors of the samples -> begin of the sentence on a mistake in them."""
 LOAD_UNITS = {
     ("", "N mm"): (1.0, 1e-3),
     ("kg", ""): (STANDARD_GRAVITY, 1.0),
@@ -174,16 +183,12 @@ def fixed_hypotheses(data: Reading, joints_only: bool = False) -> list[tuple[str
 
     Each is its text, the changed samples and the minimum gain.
     """
-    makers = [
-        (_point_hypotheses, POINT_GAIN),
-        (_wrench_hypotheses, GAIN),
-        (_unit_hypotheses, RARE_GAIN),
-        (_joint_hypotheses, GAIN),
-    ]
-    makers += [(_axis_hypotheses, GAIN), (_row_hypotheses, GAIN)]
+    joints = {_joint_hypotheses: GAIN}
+    loads = {_point_hypotheses: POINT_GAIN, _wrench_hypotheses: GAIN, _unit_hypotheses: RARE_GAIN}
+    makers = {**loads, **joints, _axis_hypotheses: GAIN, _row_hypotheses: GAIN}
     return [
         (text, changed_data, RARE_GAIN if "taken from" in text else gain)  # an odd order of axes
-        for make_hypotheses, gain in ([(_joint_hypotheses, GAIN)] if joints_only else makers)
+        for make_hypotheses, gain in (joints if joints_only else makers).items()
         for text, changed_data in make_hypotheses(data).items()
     ]
 
@@ -200,23 +205,22 @@ def _point_hypotheses(data: Reading) -> dict[str, Reading]:
 
 def _wrench_hypotheses(data: Reading) -> dict[str, Reading]:
     to_base = functools.partial(_turn, data.flange)
+    in_flange = "were expressed in the flange frame"
+    reaction = (
+        f"{LOOKS[LOAD_VECTORS]} had the opposite sign (the reaction? or is the deflection unloaded "
+        "minus loaded?)"
+    )
     hypotheses = {
-        "the wrench looks as if it had the opposite sign (the reaction? or is the deflection "
-        "unloaded minus loaded?)": _change_vectors(data, np.negative, *LOAD_VECTORS),
-        "the wrench looks as if it were expressed in the flange frame": _change_vectors(
-            data, to_base, *LOAD_VECTORS
-        ),
+        reaction: _change_vectors(data, np.negative, *LOAD_VECTORS),
+        f"{LOOKS[LOAD_VECTORS]} {in_flange}": _change_vectors(data, to_base, *LOAD_VECTORS),
     }
     if (data.deflection >= 0.0).all():
-        hypotheses["the deflections look as if they had lost their signs"] = _with_signs_of_springs(
-            data
-        )
+        hypotheses[f"{LOOKS[DEFLECTION]} had lost their signs"] = _with_signs_of_springs(data)
     if data.torque.any():
         opposite = _change_vectors(data, np.negative, "torque")
-        hypotheses["the torques look as if they had the opposite sign"] = opposite
+        hypotheses[f"{LOOKS['torque',]} had the opposite sign"] = opposite
         for name in ("torque", "force"):
-            text = f"the {name}s look as if they were expressed in the flange frame"
-            hypotheses[text] = _change_vectors(data, to_base, name)
+            hypotheses[f"{LOOKS[name,]} {in_flange}"] = _change_vectors(data, to_base, name)
         swapped = replace(data, force=data.torque, torque=data.force)
         hypotheses["forces and torques look as if they were swapped"] = swapped
     return hypotheses
@@ -255,26 +259,16 @@ def _axis_hypotheses(data: Reading) -> dict[str, Reading]:
         to_base = functools.partial(_turn, data.flange @ matrix)
         turned = _change_vectors(data, to_base, *LOAD_VECTORS)
         if not same:
-            hypotheses[f"the wrench looks as if it {read}"] = _change_vectors(
-                data, again, *LOAD_VECTORS
-            )
-            for name in ("force", "torque", "deflection"):
-                hypotheses[f"the {name}s look as if they {read}"] = _change_vectors(
-                    data, again, name
-                )
-            if proper:  # else the same as a change of sign
-                text = f"wrench and deflections look as if they {read}"
-                hypotheses[text] = _change_vectors(data, again, *LOAD_VECTORS, "deflection")
-            hypotheses[f"the wrench looks as if it were {frame}"] = turned
+            for names, looks in LOOKS.items():
+                if proper or names != EVERY_VECTOR:  # else the same as a change of sign
+                    hypotheses[f"{looks} {read}"] = _change_vectors(data, again, *names)
+            hypotheses[f"{LOOKS[LOAD_VECTORS]} were {frame}"] = turned
         if data.torque.any():
             about = turned.torque - np.cross(data.lever, turned.force)
-            text = f"the wrench looks as if it were {frame}, its torque about the flange"
+            text = f"{LOOKS[LOAD_VECTORS]} were {frame}, its torque about the flange"
             hypotheses[text] = replace(turned, torque=about)
-        text = f"the deflections look as if they were {frame}"
-        hypotheses[text] = _change_vectors(data, to_base, "deflection")
-        if proper:
-            text = f"wrench and deflections look as if they were {frame}"
-            hypotheses[text] = _change_vectors(turned, to_base, "deflection")
+        for names in (DEFLECTION, EVERY_VECTOR)[: 1 + proper]:
+            hypotheses[f"{LOOKS[names]} were {frame}"] = _change_vectors(data, to_base, *names)
     return hypotheses
 
 
@@ -464,16 +458,12 @@ FITTED_HYPOTHESES = (
     *OFFSET_HYPOTHESES,
     *(
         FittedHypothesis(
-            f"{what} had to be read turned by {{:+.0f}} deg about z",
+            f"{LOOKS[names]} had to be read turned by {{:+.0f}} deg about z",
             functools.partial(_turn_about_z, names=names),
             min_gain=TURN_GAIN,
             unit=DEG_PER_RAD,
         )
-        for what, names in (
-            ("the wrench looks as if it", LOAD_VECTORS),
-            ("the deflections look as if they", ("deflection",)),
-            ("wrench and deflections look as if they", (*LOAD_VECTORS, "deflection")),
-        )
+        for names in (LOAD_VECTORS, DEFLECTION, EVERY_VECTOR)
     ),
 )
 
