@@ -41,7 +41,7 @@ from stiff_datasets.measured.descriptors import (
     write_descriptors,
 )
 from stiff_datasets.measured.file_options import FileOptions
-from stiff_datasets.measured.sample_file import MeasuredData, read_samples
+from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_datasets.measured.validation_report import validate
 from stiff_datasets.robots import urdf_reader
@@ -171,15 +171,15 @@ def export_dataset(choice: Choice[DatasetInfo], data: BenchmarkData, folder: Pat
         DataError: a file cannot represent the data; see `read_samples`.
         StoreError: a file exists, or cannot be written.
     """
-    stem, source = _file_stem(choice), _source_file(choice)
+    stem, (source, no_torque) = _file_stem(choice), _source_file(choice)
     name = stem if "csv" in choice.context else one_row(choice.name)
     earlier, origin = "", choice.info.key
     if source is not None:
-        earlier, origin = earlier_card(source.csv), source.csv.name
+        earlier, origin = earlier_card(source), source.name
     elif choice.info.card:
         earlier = card_text(choice.info.key, choice.info.card)
     rows = _card_rows(choice, data, earlier)
-    if source is not None and source.options.no_torque:
+    if no_torque:
         rows["Torques"] = "not measured"
     tcp = tcp_option(data.robot.tcp_on_flange)
     shipped = shipped_name(data.robot)
@@ -249,13 +249,15 @@ def _written_together(paths: Sequence[Path]) -> Iterator[list[Path]]:
             folder.rmdir()
 
 
-def _source_file(choice: Choice[DatasetInfo]) -> MeasuredData | None:
-    """Return the user's file of a data set; None: the data set has no file."""
+def _source_file(choice: Choice[DatasetInfo]) -> tuple[Path | None, bool]:
+    """Return the user's file of a data set, None for no file; true if torques were not measured."""
     if choice.info.key == kr10_measured.KR10_MEASURED:
         entry = kr10_measured.registration()
-        options = FileOptions(entry.no_torque, entry.sheet, entry.pose_tolerance, entry.register)
-        return MeasuredData(csv=Path(entry.csv), robot=as_robot(None), options=options)
-    return choice.make() if "csv" in choice.context else None
+        return Path(entry.csv), entry.no_torque
+    if "csv" not in choice.context:
+        return None, False
+    data = choice.make()
+    return data.csv, data.options.no_torque
 
 
 def _file_stem(choice: Choice[DatasetInfo]) -> str:

@@ -111,9 +111,9 @@ def robot_words(robot: Robot) -> str:
     if given := URDF_OPTIONS.get(robot):
         pairs = [(name, given[name]) for name in ("urdf", "tip", "base")]
         pairs += [("hold", f"{name}={value:.15g}") for name, value in (given["hold"] or {}).items()]
-        words = [word for name, value in pairs if value for word in (f"--{name}", str(value))]
+        options = [word for name, value in pairs if value for word in (f"--{name}", str(value))]
         tool = "" if given["tcp"] is None else f" {tcp_option(given['tcp'])}"
-        return f" {shlex.join(words)}{tool}"
+        return f" {shlex.join(options)}{tool}"
     if not (name := shipped_name(robot)):
         return " with the same --urdf, --tip, --base, --hold and --tcp"
     tcp = robot.tcp_on_flange

@@ -204,7 +204,7 @@ def cell_problem(sheet: Sheet, row: int | np.integer, column: str, valid: str) -
     )
 
 
-def checked_numbers(sheet: Sheet, columns: Sequence[str]) -> tuple[FloatArray, list[Problem]]:
+def checked_numbers(sheet: Sheet, columns: tuple[str, ...]) -> tuple[FloatArray, list[Problem]]:
     """Return the (n, n_columns) numbers of a file and the problems of their cells.
 
     A number that is not finite, or beyond the limit of its column, is NaN.

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -281,9 +282,9 @@ def _frame(positions: FloatArray | None, q: FloatArray, robot: Robot) -> Frame |
     return frame
 
 
-def _further_fields(sheet: Sheet, robot: Robot) -> tuple[dict[str, FloatArray], list[Problem]]:
+def _further_fields(sheet: Sheet, robot: Robot) -> tuple[dict[str, Any], list[Problem]]:
     """Return the fields of `Samples` that optional columns state, and the columns' problems."""
-    fields: dict[str, FloatArray] = {}
+    fields: dict[str, Any] = {}
     problems: list[Problem] = []
     if ORDER in sheet.cells:
         fields["order"], problems = _order(sheet)
@@ -314,7 +315,7 @@ def _order(sheet: Sheet) -> tuple[FloatArray, list[Problem]]:
         since = times - times.min()
         if since.isna().all():  # times of a day
             since = pd.to_timedelta(cells, errors="coerce")
-        order = since.dt.total_seconds().to_numpy()
+        order = np.asarray(since.dt.total_seconds(), dtype=np.float64)
     valid = "a number, or a time such as 2026-11-28T10:15:00"
     rows = np.flatnonzero(~np.isfinite(order))
     return order, [cell_problem(sheet, row, ORDER, valid) for row in rows]

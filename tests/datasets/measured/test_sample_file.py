@@ -10,6 +10,7 @@ import pytest
 from helpers.made_robots import planar_arm, random_chain
 from helpers.made_samples import CSV_HEADER as HEADER
 from helpers.made_samples import CSV_ROW as GOOD
+from stiff_datasets.measured.sample_columns import AFTER_COLUMNS
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
@@ -116,35 +117,8 @@ def test_thousands_are_read_where_decimals_follow_them(tmp_path, kr10, header, r
 
 
 POINTS = [text.replace(",", ";") for text in (HEADER, GOOD)]
-
-
-@pytest.mark.parametrize(
-    ("lines", "load"),
-    [
-        ([GERMAN[0], GERMAN[1].replace("-80", "1.080")], "1.080"),
-        ([POINTS[0], POINTS[1].replace("-80", "1,080")], "1,080"),
-        ([*GERMAN, GERMAN[1].replace("P1", "P2").replace("-80", "1.080")], "1.080"),
-    ],
-    ids=["points and commas", "commas and points", "rows of one column"],
-)
-def test_a_number_that_may_have_decimals_or_thousands_is_refused(tmp_path, kr10, lines, load):
-    message = rf"row {len(lines)}, column fz_N: '{load}', .* decimals or thousands"
-    with pytest.raises(DataError, match=message):
-        read_samples(write(tmp_path, *lines), kr10)
-
-
-@pytest.mark.parametrize("sign", ["\ufeff", "\u200b", "\u202e", "\u00ad", "\u00a0"])
-def test_a_name_with_an_invisible_sign_is_no_second_pose(tmp_path, kr10, sign):
-    """Such a name looks like another row's pose. A split could separate the two rows."""
-    path = write(tmp_path, HEADER, GOOD, line(pose_id=f"P{sign}1", load_id=2))
-    with pytest.raises(DataError, match=r"row 3, column pose_id: .* invisible"):
-        read_samples(path, kr10)
-
-
-@pytest.mark.parametrize("junk", ["pause", "stop,motor,hot", HEADER, ",,," + ",".join(["?"] * 15)])
-def test_a_row_without_data_is_one_problem(tmp_path, kr10, junk):
-    with pytest.raises(DataError, match=r"row 3, column \w+: '.*', expected a row [a-z0-9 ]+$"):
-        read_samples(write(tmp_path, HEADER, GOOD, junk, line(pose_id="P2")), kr10)
+DOUBTFUL = ".* decimals or thousands"
+APPROACH = [f"approach_q{i}" for i in range(1, 7)]
 
 
 @pytest.mark.filterwarnings("ignore:.*columns not used")
@@ -218,6 +192,33 @@ def test_a_folder_in_place_of_a_file_is_named(tmp_path, kr10, name):
             r"row 2: .* \(a quotation mark that is not closed\?\)",
         ),
         ([HEADER, *RADIANS], "these look like radians"),
+        ([GERMAN[0], GERMAN[1].replace("-80", "1.080")], rf"row 2, .*'1.080', {DOUBTFUL}"),
+        ([POINTS[0], POINTS[1].replace("-80", "1,080")], rf"row 2, .*'1,080', {DOUBTFUL}"),
+        (
+            [*GERMAN, GERMAN[1].replace("P1", "P2").replace("-80", "1.080")],
+            rf"row 3, column fz_N: '1.080', {DOUBTFUL}",
+        ),
+        *(  # a split could separate it from the pose that looks alike
+            ([HEADER, GOOD, line(pose_id=f"P{sign}1", load_id=2)], "row 3, .*pose_id: .* invisible")
+            for sign in "\ufeff\u200b\u202e\u00ad\u00a0"
+        ),
+        *(
+            (
+                [HEADER, GOOD, junk, line(pose_id="P2")],
+                r"row 3, column \w+: '.*', expected a row [a-z0-9 ]+$",
+            )
+            for junk in ("pause", "stop,motor,hot", HEADER, ",,," + ",".join(["?"] * 15))
+        ),
+        *(
+            ([f"{HEADER},{','.join(columns)}", f"{GOOD},{cells}"], named)
+            for columns, cells, named in (
+                (["order"], "second", "'second'.*a number, or a time"),
+                (APPROACH, "1,1,2,1,1,1", "approach_q3"),
+                (APPROACH[:1], "1", "missing approach_q2"),
+                (AFTER_COLUMNS[:2], "0,0", "missing after_dz_mm"),
+                (AFTER_COLUMNS, "0,,0", "after_dy_mm"),
+            )
+        ),
     ],
 )
 def test_what_is_wrong_is_named_with_file_row_column_and_value(tmp_path, kr10, lines, message):
@@ -292,7 +293,7 @@ def test_a_column_of_a_held_joint_is_refused_by_name(tmp_path, rng, column):
 
 
 def test_order_approach_and_the_reading_after_the_load_are_read(tmp_path, kr10):
-    names = [*(f"approach_q{i}" for i in range(1, 7)), *(f"after_d{a}_um" for a in "xyz")]
+    names = [*APPROACH, *(f"after_d{a}_um" for a in "xyz")]
     header = ",".join([HEADER, "order", *names])
     rows = [
         ",".join([line(load_id=i), str(order), *["-1"] * 6, "4", "0", "-2"])
@@ -317,21 +318,3 @@ def test_a_time_of_reading_is_an_order(column, times, seconds, tmp_path, kr10):
     assert (
         read_samples(write(tmp_path, f"{HEADER},{column}", *rows), kr10).order.tolist() == seconds
     )
-
-
-@pytest.mark.parametrize(
-    ("columns", "cells", "named"),
-    [
-        (["order"], ["second"], "'second'.*a number, or a time"),
-        ([f"approach_q{i}" for i in range(1, 7)], ["1", "1", "2", "1", "1", "1"], "approach_q3"),
-        (["approach_q1"], ["1"], "missing approach_q2"),
-        (["after_dx_mm", "after_dy_mm"], ["0", "0"], "missing after_dz_mm"),
-        (["after_dx_mm", "after_dy_mm", "after_dz_mm"], ["0", "", "0"], "after_dy_mm"),
-    ],
-)
-def test_an_optional_column_that_says_nothing_is_refused_by_name(
-    columns, cells, named, tmp_path, kr10
-):
-    file = write(tmp_path, ",".join([HEADER, *columns]), ",".join([GOOD, *cells]))
-    with pytest.raises(DataError, match=named):
-        read_samples(file, kr10)
