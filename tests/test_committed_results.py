@@ -128,7 +128,7 @@ def test_every_picture_of_the_committed_pages_is_there():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("study", ["paper", "leaderboard"])
+@pytest.mark.parametrize("study", ["paper", "leaderboard", "intervals"])
 def test_a_study_written_again_gives_its_committed_files(study, tmp_path):
     """Compare bytes, except for numbers in CSV: the last of their 17 digits is the processor's."""
     committed, written = RESULTS / study, tmp_path / "results" / study

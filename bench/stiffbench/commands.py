@@ -273,7 +273,8 @@ def _reproduce(
         paper        tables and figures of the source paper; 1 h
         paper-quick  the same with one split and coarse sweeps; 7 min
         leaderboard  every model on 12 simulated robots and a measured one; 5 h
-        intervals    do prediction intervals cover what they claim?
+        intervals    do prediction intervals cover what they claim? 15 min
+        fresh        the models on 12 robots that were drawn after them; 1.5 h
 
     Results are saved at once; the same command continues an interrupted study.
 

@@ -97,7 +97,7 @@ def test_a_run_may_ask_for_intervals(tmp_path):
     ("name", "n_fits", "n_shared"),
     [
         *(("paper", 494, 25), ("paper-quick", 49, 1)),  # of several tables and figures
-        ("intervals", 234, 0),
+        ("intervals", 225, 0),
         ("fresh", 720, 0),
     ],
 )
