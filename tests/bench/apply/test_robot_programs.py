@@ -78,7 +78,7 @@ def pinocchio_tools(robot, q) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("name", FILES)
 def test_corrected_targets_of_random_orientation_are_the_commanded_poses(name, tmp_path):
     suffix, model = Path(name).suffix, model_of(ROBOTS[name])
-    robot, n = model.fitted.robot_, 100
+    robot, n = model.fitted.robot_, 250  # 1,000 in four languages
     q = regular_joints(robot, n)
     lever = np.linalg.inv(robot.flange @ robot.controller.flange) @ np.r_[robot.tcp, 1.0]
     wanted_mm, turned = pinocchio_tools(robot, q)
