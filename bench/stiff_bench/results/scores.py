@@ -211,19 +211,28 @@ def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFra
     """
     logs = rows.assign(log=np.log(rows[value].where(rows[value] > 0.0)))
     votes = logs.groupby([*PLAN, "model"], sort=False)["log"]
-    means = votes.agg(_mean)
+    means = _group_means(logs.set_index([*PLAN, "model"])[["log"]], [*PLAN, "model"])["log"]
     by_plan = means if partial else means.where(votes.count() == votes.size())
     plans = rows.set_index(PLAN).index.unique()
     table = by_plan.unstack("model").reindex(index=plans, columns=rows["model"].unique())
     robots = table.groupby("robot", sort=False)
-    by_vote = table.groupby(VOTE, sort=False).agg(_mean)
-    by_robot = by_vote.groupby("robot", sort=False).agg(_mean)
+    by_robot = _group_means(_group_means(table, VOTE), "robot")
     return by_robot if partial else by_robot.where(robots.count().eq(robots.size(), axis="index"))
+
+
+def _group_means(table: DataFrame, levels: str | list[str]) -> DataFrame:
+    """Return the `_mean` of each column over the rows with the same levels of the index."""
+    from pandas import DataFrame  # slow, and a single task needs no frame
+
+    groups, values = table.groupby(levels, sort=False), table.to_numpy()  # agg takes 50 times longer
+    index = groups.size().index
+    means = [[_mean(column) for column in values[groups.indices[key]].T] for key in index]
+    return DataFrame(means, index=index, columns=table.columns, dtype=float)
 
 
 def _mean(values: Any) -> float:
     """Return the mean without NaN; its rounding does not depend on the version of pandas."""
-    present = values.dropna().to_numpy()
+    present = np.asarray(values)[~np.isnan(values)]
     return float(np.mean(present)) if len(present) else math.nan
 
 
