@@ -118,6 +118,14 @@ def trainings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return phases
 
 
+@pytest.fixture(scope="session")
+def written_leaderboard(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Return the committed leaderboard, written again for the tests of the group "leaderboard"."""
+    from helpers.written_leaderboard import write_leaderboard  # figures: few tests need them
+
+    return write_leaderboard(tmp_path_factory.mktemp("written"))
+
+
 @pytest.fixture()
 def rng() -> np.random.Generator:
     return np.random.default_rng(20261121)

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import io
 import math
-import shutil
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import stiffbench as sb
-from helpers.command_line import bench_here
-from stiff_bench.page.study_page import StudyResults
+from helpers.written_leaderboard import write_again
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, TABLES
 from stiff_bench.paper.study_file import find_study
-from stiff_bench.plan.cells import cell_tasks
-from stiff_bench.plan.registry import build_registry
-from stiff_bench.store.database import PACKED, read_results
+from stiff_bench.store.database import read_results
 from stiff_bench.tables.writers import render
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -39,26 +35,19 @@ def test_a_committed_table_is_that_of_the_committed_cells(number, stored):
     assert len(committed_table)
 
 
+of_leaderboard = pytest.mark.xdist_group("leaderboard")  # written once
+
+
 @pytest.mark.slow
-def test_the_committed_leaderboard_is_of_cells_that_are_planned_today():
+@of_leaderboard
+def test_the_committed_leaderboard_is_of_cells_that_are_planned_today(written_leaderboard):
     """Outdated models, data sets or protocols would leave cells that no plan has."""
-    folder = RESULTS / "leaderboard" / "runs"
-    plans = find_study("leaderboard").plans(build_registry(), output=folder, command="")
-    tasks = list(cell_tasks(*plans))
-    planned_keys = {task.cell.key for task in tasks}
-    not_here = {task.cell.model for task in tasks if task.model.info.missing()}
     stored_keys = {
-        result.cell.key for result in read_results(folder) if result.cell.model not in not_here
+        result.cell.key
+        for result in read_results(written_leaderboard.folder / "runs")
+        if result.cell.model not in written_leaderboard.missing_models
     }
-    assert stored_keys <= planned_keys
-
-
-@pytest.fixture(scope="module")
-def leaderboard_results(tmp_path_factory):
-    """Return the committed results of the leaderboard, unpacked in another folder."""
-    folder = tmp_path_factory.mktemp("leaderboard")
-    shutil.copy(RESULTS / "leaderboard" / "runs" / PACKED, folder)
-    return sb.open_results(folder)
+    assert stored_keys and stored_keys <= written_leaderboard.planned_keys
 
 
 def rows_of(text: str) -> dict[str, dict[str, str]]:
@@ -69,10 +58,12 @@ def rows_of(text: str) -> dict[str, dict[str, str]]:
 
 
 @pytest.mark.slow
-def test_the_leaderboard_of_the_committed_results_has_the_rows_of_its_page(leaderboard_results):
+@of_leaderboard
+def test_the_leaderboard_of_the_committed_results_has_the_rows_of_its_page(written_leaderboard):
     page = rows_of((RESULTS / "leaderboard" / "README.md").read_text(encoding="utf-8"))
     settings = find_study("leaderboard").board
-    printed_rows = rows_of(leaderboard_results.leaderboard(settings.metric).text_as("github"))
+    results = sb.open_results(written_leaderboard.folder / "runs")
+    printed_rows = rows_of(results.leaderboard(settings.metric).text_as("github"))
     assert [name for name in printed_rows if name in page] == [*page]
     further = {name.partition(" [")[0] for name in printed_rows.keys() - page.keys()}
     assert further <= {*settings.variants}
@@ -99,9 +90,10 @@ BOUNDS = {
 
 
 @pytest.mark.slow
-def test_the_frame_of_models_has_the_numbers_of_the_committed_table(leaderboard_results):
-    board = StudyResults(find_study("leaderboard"), leaderboard_results.stored).leaderboard
-    models = {row["model"]: row for row in board.board_frame.to_dict("records")}
+@of_leaderboard
+def test_the_frame_of_models_has_the_numbers_of_the_committed_table(written_leaderboard):
+    board_frame = written_leaderboard.board.board_frame
+    models = {row["model"]: row for row in board_frame.to_dict("records")}
     committed = pd.read_csv(RESULTS / "leaderboard" / "tables" / "table_leaderboard.csv")
     lines = committed[committed["table"].isin(["board", "worlds", "more", "certainty"])]
     assert {*lines["model"]} == {*models} and {*lines["column"]} == {*KEYS, *BOUNDS}
@@ -128,16 +120,19 @@ def test_every_picture_of_the_committed_pages_is_there():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("study", ["paper", "leaderboard", "intervals"])
+@pytest.mark.parametrize("study", ["paper", "intervals"])
 def test_a_study_written_again_gives_its_committed_files(study, tmp_path):
+    assert_same_files(write_again(study, tmp_path), RESULTS / study)
+
+
+@pytest.mark.slow
+@of_leaderboard
+def test_the_leaderboard_written_again_gives_its_committed_files(written_leaderboard):
+    assert_same_files(written_leaderboard.folder, RESULTS / "leaderboard")
+
+
+def assert_same_files(written: Path, committed: Path) -> None:
     """Compare bytes, except for numbers in CSV: the last of their 17 digits is the processor's."""
-    committed, written = RESULTS / study, tmp_path / "results" / study
-    packed = committed / "runs" / "results.sqlite.xz"
-    stored = packed if packed.exists() else packed.with_suffix("")
-    (written / "runs").mkdir(parents=True)
-    shutil.copy(stored, written / "runs")
-    done = bench_here("reproduce", study, "--write-only", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
     assert page_files(written) == page_files(committed)
     for name in page_files(committed):
         new, old = written / name, committed / name

@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 
 import stiffbench as sb
-from stiff_bench.page.study_page import StudyResults
-from stiff_bench.paper.paper_results import PaperResults
-from stiff_bench.paper.study_file import find_study
 from stiff_bench.results.scores import complete_logs
 
 TOP = Path(__file__).parents[1]
@@ -58,20 +55,16 @@ def test_the_first_table_is_what_its_command_gives():
 
 
 @pytest.fixture(scope="module")
-def board():
-    stored = PaperResults.of(TOP / "results" / "leaderboard" / "runs")
-    return StudyResults(find_study("leaderboard"), stored).leaderboard
-
-
-@pytest.fixture(scope="module")
-def models(board):
+def models(written_leaderboard):
     """Return the rows of the committed leaderboard by model."""
-    return {row["model"]: row for row in board.board_frame.to_dict("records")}
+    return {row["model"]: row for row in written_leaderboard.board.board_frame.to_dict("records")}
 
 
 @pytest.mark.slow
-def test_the_matrix_of_robots_is_that_of_the_committed_leaderboard(board, models):
-    ratios, measured = np.exp(complete_logs(board.scores)), "fanuc-r2000ic"
+@pytest.mark.xdist_group("leaderboard")  # written once
+def test_the_matrix_of_robots_is_that_of_the_committed_leaderboard(written_leaderboard, models):
+    ratios = np.exp(complete_logs(written_leaderboard.board.scores))
+    measured = "fanuc-r2000ic"
     for row in table_after("Which model"):
         name = model_of(row)
         for heading, robot in ROBOTS.items():
@@ -83,6 +76,7 @@ def test_the_matrix_of_robots_is_that_of_the_committed_leaderboard(board, models
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("leaderboard")
 def test_the_ratios_by_number_of_poses_are_those_of_the_committed_leaderboard(models):
     (advice,) = re.findall(r"With 5, 20, 60 and 120 poses.*?\. ", README, re.DOTALL)
     ratios = re.findall(r"0\.\d\d", advice)

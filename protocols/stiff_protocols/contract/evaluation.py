@@ -86,7 +86,7 @@ class Evaluation:
 
     def fit_input(self, *, chooses_epoch: bool, seed: int, coverage: float | None) -> FitInput:
         """Return the input of a model's fit."""
-        samples, paths = self.data.samples, self.data.paths
+        samples, (path_q, path_wrench) = self.data.samples, self.data.paths or (None, None)
         train, validation = training_side(
             samples,
             self.split,
@@ -103,8 +103,8 @@ class Evaluation:
             coverage=coverage,
             source=self.source and self.source.without_truth(),
             make_protocol=self.make_protocol,
-            path_q=None if paths is None else paths.q,
-            path_wrench=None if paths is None else paths.wrench,
+            path_q=path_q,
+            path_wrench=path_wrench,
             of_readings=TRUTH not in self.data.bound_deflections,
         )
 

@@ -351,8 +351,8 @@ class BenchmarkData(ShownObject):
             Only the scorer calls it; models never get it, and the hash excludes it.
         joint_turn: true turn [rad or m] of joints by (n, n_joints) torques [N m or N], which only
             a simulation knows, for figures. Models never get it, and the hash excludes it.
-        paths: points of tool paths that a protocol corrects in addition to its test; None: no
-            paths. Their deflection is the true deflection without correction. The hash excludes
+        paths: points of tool paths that a protocol corrects in addition to its test: (n, n_joints)
+            commands [rad or m] and (n, 6) wrenches [N, N m]; None: no paths. The hash excludes
             them.
     """
 
@@ -361,7 +361,7 @@ class BenchmarkData(ShownObject):
     bound_deflections: Mapping[str, FloatArray] = field(default_factory=dict)
     under_load: Deflection | None = None
     joint_turn: Callable[[FloatArray], FloatArray] | None = None
-    paths: Samples | None = None
+    paths: tuple[FloatArray, FloatArray] | None = None
 
     def __post_init__(self) -> None:
         bounds = {
@@ -369,6 +369,11 @@ class BenchmarkData(ShownObject):
             for name, array in self.bound_deflections.items()
         }
         object.__setattr__(self, "bound_deflections", bounds)
+        if self.paths is not None:
+            q, wrench = self.paths
+            q = frozen_array(q, "paths", (None, self.robot.n_joints))
+            wrench = frozen_array(wrench, "paths", (len(q), 6))
+            object.__setattr__(self, "paths", (q, wrench))
         if self.samples.q.shape[1] != self.robot.n_joints:
             raise DataError(
                 f"samples have {self.samples.q.shape[1]} joint angles, "

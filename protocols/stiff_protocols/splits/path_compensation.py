@@ -122,7 +122,15 @@ class PathCompensation(PathHoldout):
             raise ConfigError(
                 f"its samples use the group {PATH_GROUP!r}, which is reserved for paths; rename it"
             )
-        points = _points(data, held)
+        q, wrench, names = _points(data, held)
+        points = Samples(
+            q=q,
+            wrench=wrench,
+            deflection=data.under_load(q, wrench).round(DECIMALS_M),
+            pose_id=names[:, 0],
+            load_id=names[:, 1],
+            group=np.full(len(q), PATH_GROUP),
+        )
         samples = Samples.together(data.samples, points)
         extended = replace(data, samples=samples, bound_deflections={})
         rows = np.arange(len(data.samples), len(samples))
@@ -147,7 +155,8 @@ class PathCompensation(PathHoldout):
         The simulated robot follows the commands; their predictions are not used.
         """
         points = data.samples.take(rows)
-        return np.asarray(points.deflection - _path_errors(commands, points, data))
+        remaining = _path_errors(commands, points.q, points.wrench, data)
+        return np.asarray(points.deflection - remaining)
 
     def splits(self, samples: Samples, *, n_splits: int | None, seed: int) -> LazySplits:
         """Return `n_splits` (default 1) divisions, `holdout`'s of the same seed, with all paths."""
@@ -171,24 +180,29 @@ class HoldoutPaths(PathHoldout):
         """Return the data and the points of the paths; errors as `PathCompensation`."""
         if data.under_load is None:
             return data
-        return replace(data, paths=_points(data, self.held(data.robot)))
+        q, wrench, _ = _points(data, self.held(data.robot))
+        return replace(data, paths=(q, wrench))
 
     def path_errors(self, commands: FloatArray, data: BenchmarkData) -> FloatArray:
         """Return the loaded robot's offset from the paths' points with the commands."""
         assert data.paths is not None
-        return _path_errors(commands, data.paths, data)
+        return _path_errors(commands, *data.paths, data)
 
 
-def _path_errors(commands: FloatArray, points: Samples, data: BenchmarkData) -> FloatArray:
+def _path_errors(
+    commands: FloatArray, q: FloatArray, wrench: FloatArray, data: BenchmarkData
+) -> FloatArray:
     """Return the (n, 3) remaining path errors [m] of commands at points of paths under load."""
     assert data.under_load is not None  # else it has no paths
-    stands = data.robot.tcp_position(commands) + data.under_load(commands, points.wrench)
-    return np.asarray(stands - data.robot.tcp_position(points.q))
+    stands = data.robot.tcp_position(commands) + data.under_load(commands, wrench)
+    return np.asarray(stands - data.robot.tcp_position(q))
 
 
-def _points(data: BenchmarkData, held: FloatArray) -> Samples:
-    """Return the points of all paths; their deflection is the true one without correction."""
-    assert data.under_load is not None
+def _points(data: BenchmarkData, held: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return joint positions, wrenches, and names of path and load of the points of all paths.
+
+    They are (n, n_joints) [rad or m], (n, 6) [N, N m] and (n, 2) words.
+    """
     samples, robot = data.samples, data.robot
     force = FORCE * float(np.linalg.norm(samples.wrench[:, :3], axis=1).max())
     poses = samples.q[np.sort(np.unique(samples.pose_id, return_index=True)[1])]
@@ -220,16 +234,7 @@ def _points(data: BenchmarkData, held: FloatArray) -> Samples:
         path, _ = names[int(np.argmin(driven))]
         raise ConfigError(f"robot {robot.name!r} cannot drive the path {path!r}")
     q = np.deg2rad(np.rad2deg(angles).round(DECIMALS_DEG))
-    loaded = np.repeat(wrench, POINTS, axis=0)
-    pose_id, load_id = np.repeat(names, POINTS, axis=0).T
-    return Samples(
-        q=q,
-        wrench=loaded,
-        deflection=data.under_load(q, loaded).round(DECIMALS_M),
-        pose_id=pose_id,
-        load_id=load_id,
-        group=np.full(len(q), PATH_GROUP),
-    )
+    return q, np.repeat(wrench, POINTS, axis=0), np.repeat(names, POINTS, axis=0)
 
 
 def _driven(
@@ -242,9 +247,12 @@ def _driven(
     """
     stands = robot.forward(starts)
     centres, rotations = stands.points[:, -1], stands.rotation
+    about_zero = {
+        shape: shaped(shape, np.zeros(3), size, POINTS, rotation=np.eye(3), wrench=np.zeros(6))
+        for shape in {*shapes}
+    }
     outlines = [
-        shaped(shape, centre, size, POINTS, rotation=rotation, wrench=np.zeros(6)).position
-        for shape, centre, rotation in zip(shapes, centres, rotations, strict=True)
+        centre + about_zero[shape].position for shape, centre in zip(shapes, centres, strict=True)
     ]
     seeds = np.repeat(starts, POINTS, axis=0)
     position, rotation = np.concatenate(outlines), np.repeat(rotations, POINTS, axis=0)
