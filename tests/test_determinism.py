@@ -32,7 +32,7 @@ CONVOLUTION_TOLERANCE_M = 2e-5
 
 WIDE = "ft-mlp at its full width"
 VARIANTS: dict[str, tuple[str, dict[str, object]]] = {
-    WIDE: ("ft-mlp", {"pretrain_steps": 20, "epochs": 20}),
+    WIDE: ("ft-mlp", {"pretrain_steps": 5, "epochs": 4}),
     "gp, default recipe": ("gp", {}),
     "vjm-gp, default recipe": ("vjm-gp", {}),
 }

@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from stiff_protocols.contract.arrays import TextArray
 from stiff_protocols.contract.errors import ConfigError, warn
 from stiff_protocols.contract.types import (
     PATH_GROUP,
@@ -198,7 +199,7 @@ def _path_errors(
     return np.asarray(stands - data.robot.tcp_position(q))
 
 
-def _points(data: BenchmarkData, held: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _points(data: BenchmarkData, held: FloatArray) -> tuple[FloatArray, FloatArray, TextArray]:
     """Return joint positions, wrenches, and names of path and load of the points of all paths.
 
     They are (n, n_joints) [rad or m], (n, 6) [N, N m] and (n, 2) words.
@@ -234,7 +235,7 @@ def _points(data: BenchmarkData, held: FloatArray) -> tuple[FloatArray, FloatArr
         path, _ = names[int(np.argmin(driven))]
         raise ConfigError(f"robot {robot.name!r} cannot drive the path {path!r}")
     q = np.deg2rad(np.rad2deg(angles).round(DECIMALS_DEG))
-    return q, np.repeat(wrench, POINTS, axis=0), np.repeat(names, POINTS, axis=0)
+    return q, np.repeat(wrench, POINTS, axis=0), np.repeat(np.array(names), POINTS, axis=0)
 
 
 def _driven(

@@ -30,7 +30,7 @@ from stiffbench.commands import execute
 from stiffbench.main import INTERRUPTION
 
 PLUGIN = Path(hostile_models.__file__)
-N_SPLITS = 8
+N_SPLITS = 5
 N_CELLS = 2 * N_SPLITS  # with the reference model
 SLOW_RUN = ["run", "--plugin", str(PLUGIN), "--model", "DetachesAChild@seconds=0.3"]
 SLOW_RUN += ["--splits", str(N_SPLITS), "--output", "out"]
