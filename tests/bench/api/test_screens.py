@@ -67,6 +67,7 @@ def test_every_object_fits_a_screen_and_a_notebook_shows_a_few_kilobytes(given):
             assert page.startswith("<div") and len(page) < 20_000, name
 
 
+@pytest.mark.slow
 def test_a_figure_is_a_picture_of_a_width_that_fits_a_notebook(given):
     image, about = given.figure._repr_png_()
     assert image.startswith(b"\x89PNG") and 200 <= about["width"] <= 900

@@ -434,6 +434,7 @@ def test_a_program_is_corrected_and_drawn_on_the_command_line(tmp_path):
         assert not (tmp_path / "s.src").exists()
 
 
+@pytest.mark.slow
 def test_the_robot_carries_its_controller_through_a_model_file(tmp_path):
     model_of("lr-mate-200id").save(tmp_path / "my.stiff", cross_validate=False)
     robot = sb.load_model(tmp_path / "my.stiff").fitted.robot_

@@ -82,6 +82,7 @@ def test_a_model_with_another_fitted_point_predicts_the_tcp(twin):
     np.testing.assert_allclose(new_map.deflections[new_map.is_reached], predicted, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_map_of_compliance_is_that_of_vjms_stiffness_matrix_and_needs_vjm(vjm, twin):
     options = {"quantity": "compliance", "box": BOX, "grid": 6}
     of_vjm = sb.stiffness_map(vjm, **options)
@@ -127,6 +128,7 @@ def test_the_plane_is_in_the_middle_of_a_box_or_at_the_chosen_place(vjm):
     assert chosen.positions[0, 0, 2] == 0.25
 
 
+@pytest.mark.slow
 def test_far_points_are_those_of_the_rule_and_the_load_does_not_count(vjm, small):
     heavy = sb.stiffness_map(vjm, **SMALL | {"load": (0.0, 0.0, -900.0)})
     np.testing.assert_array_equal(heavy.is_far, small.is_far)
@@ -151,6 +153,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.slow
 def test_bad_input_is_refused_in_one_line_with_the_valid_values(vjm_file, tmp_path):
     for words, parts in REFUSED.items():
         done = bench_here("map", "--model", vjm_file, *words.split(), cwd=tmp_path)

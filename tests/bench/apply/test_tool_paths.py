@@ -126,6 +126,7 @@ def test_a_rounding_difference_is_not_another_tool_point(square, corrected, vjm,
     assert "a tool point other than the TCP" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_loaded_tool_with_the_written_commands_is_on_the_path(square, corrected, vjm):
     path_table = pd.read_csv(square)
     corrected_path, written = corrected(path_table, tolerance=1e-4)

@@ -87,6 +87,7 @@ def test_the_edge_of_the_reach_is_a_sphere_about_the_shoulder(kr10, rotation):
     assert reached[distance < 0.95 * longest].mean() > 0.97  # except in the hole about the shoulder
 
 
+@pytest.mark.slow
 def test_the_nearest_configuration_inside_the_limits_is_taken(kr10, grid, rotation, grid_q):
     upright, bent = READY, READY + np.radians([0.0, 30.0, -40.0, 180.0, -100.0, 180.0])
     for pose in (upright, bent):

@@ -46,6 +46,7 @@ def test_predictions_of_one_robot_show_a_figure_or_the_command_that_makes_it_pos
     assert NEEDS[name] in str(refused.value) and str(tmp_path) in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_picture_is_reproducible_as_wide_as_a_column_and_names_data_and_models(tmp_path):
     """At 300 dots per inch; a name is drawn as it is written."""
     compared(tmp_path)

@@ -124,6 +124,7 @@ def test_a_calibration_has_a_panel_for_each_coverage_that_every_split_has(tmp_pa
         assert line.get_xdata() == [nominal, nominal]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("identifiable", [True, False])
 def test_springs_are_drawn_as_the_models_reported_them_or_with_the_priors_slope(
     tmp_path, identifiable

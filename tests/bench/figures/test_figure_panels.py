@@ -75,6 +75,7 @@ def test_one_requested_data_set_is_one_panel_that_names_it_in_the_picture(tmp_pa
     assert figure.get_suptitle() == "a (simulated), holdout"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["scores", "errors", "regression"])
 def test_a_renamed_data_set_gives_the_same_picture_except_its_title(name, tmp_path):
     """The length of a name and its place in the alphabet change nothing."""
@@ -206,6 +207,7 @@ def test_losses_have_a_row_per_data_set_and_a_panel_per_phase(tmp_path):
     assert "measured-data" in titles[0] and "z-twin" in titles[2]
 
 
+@pytest.mark.slow
 def test_learning_curves_share_the_errors_axis_and_have_the_noise_floor(tmp_path):
     made, keys = MadeResults(tmp_path), []
     for place, dataset in enumerate(("z", "measured", "a")):

@@ -86,6 +86,7 @@ def test_an_option_that_the_user_set_is_not_searched():
     assert searched == {"knn": {"weights": ("uniform", "distance")}, "gp": {}}
 
 
+@pytest.mark.slow
 def test_every_named_grid_of_the_catalogue_fits_its_model():
     names = {name for info in MODELS for name in info.grids}
     assert names >= {"default", "freeze-single", "freeze-pairs", "rate", "physics"}
@@ -96,6 +97,7 @@ def test_every_named_grid_of_the_catalogue_fits_its_model():
         assert {key: set(grid) for key, grid in searched.items()} == expected
 
 
+@pytest.mark.slow
 def test_a_cells_key_depends_on_the_candidates_and_not_only_on_the_files_name(grid_file):
     keys = {
         tasks("knn", protocol=grid_file(f"[knn]\nneighbours = {values}", search=search))[0].cell.key

@@ -114,6 +114,7 @@ def test_other_answers_of_the_robot_change_no_fit_and_no_command(tasks, results)
     assert np.abs(command + predicted).max() < 0.02 * np.abs(predicted).max()
 
 
+@pytest.mark.slow
 def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results):
     (table,) = metric_tables(results, ())
     assert [column.about["metric"] for column in table.columns if column.about] == [

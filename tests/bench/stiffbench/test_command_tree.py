@@ -114,6 +114,7 @@ def test_nonsense_for_any_parameter_is_refused_in_one_line(command, refused):
                 assert word in message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_unknown_missing_and_superfluous_words_are_refused_in_one_line(command, refused):
     words = needed(command)

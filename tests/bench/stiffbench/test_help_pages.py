@@ -54,6 +54,7 @@ def test_the_commands_and_options_of_the_table_are_those_with_a_description(help
             assert re.search(description, page), (command, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [*COMMANDS, *GROUPS])
 def test_every_command_has_an_example_that_is_accepted(command, help_page):
     example = help_page(command).partition("Example:\n")[2]

@@ -69,6 +69,7 @@ def test_only_the_new_models_fits_are_computed_and_published_ones_are_shown_too(
     assert compared.returncode == 0, compared.stderr
 
 
+@pytest.mark.slow
 def test_the_short_version_takes_the_published_results_of_its_splits_only(
     published, run_against, tmp_path
 ):
@@ -122,6 +123,7 @@ def test_other_data_splits_and_versions_are_refused_before_anything_is_computed(
     assert not (tmp_path / "mine").exists()
 
 
+@pytest.mark.slow
 def test_results_on_none_of_the_splits_and_missing_folders_are_refused(
     published, run_against, study_file, tmp_path
 ):

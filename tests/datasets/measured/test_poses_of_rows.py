@@ -156,6 +156,7 @@ def test_rows_that_differ_by_whole_turns_are_one_pose_without_names(turned, kr10
     assert len(pairs) == len(set(samples.pose_id)) == 10
 
 
+@pytest.mark.slow
 def test_the_range_of_an_endless_joint_is_stated_without_whole_turns(turned, kr10, tmp_path):
     turned.assign(load_id=range(30)).to_csv(tmp_path / "my.csv", index=False)
     lower, upper = np.r_[kr10.lower[:5], -np.inf], np.r_[kr10.upper[:5], np.inf]

@@ -47,6 +47,7 @@ def book(tmp_path, table):
     return write
 
 
+@pytest.mark.slow
 def test_a_sheet_is_asked_for_where_two_hold_tables(book, kr10, tmp_path):
     path = book(Monday=9, Tuesday=4, Notes=0)
     for call in (read_samples, validate, read_loads):

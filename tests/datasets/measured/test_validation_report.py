@@ -74,6 +74,7 @@ def only(findings, words):
     return match
 
 
+@pytest.mark.slow
 def test_a_wrench_in_the_tool_frame_with_other_axes_is_named(measurement):
     robot = measurement.robot
     tool = robot.forward(measurement.samples.q).rotation @ robot.flange[:3, :3]

@@ -136,6 +136,7 @@ def test_the_constants_are_those_of_the_rule_in_the_files_head(number, constants
         assert segment.wall_m == pytest.approx(wall * segment.outer_m, rel=DIGITS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", WORLDS)
 @pytest.mark.parametrize(("twin", "name"), [(ArmFamily, "arm_family"), (Ur5Twin, "ur5_twin")])
 def test_the_card_states_the_hash_of_the_data_in_every_world(twin, name, world):

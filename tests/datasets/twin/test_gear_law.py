@@ -49,6 +49,7 @@ def test_no_closed_cycle_of_torque_makes_energy(corners: list[float], width: flo
     assert work(closed, theta) >= -error
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(TORQUES)
 def test_without_plays_a_closed_cycle_needs_no_work(corners: list[float]) -> None:
@@ -57,6 +58,7 @@ def test_without_plays_a_closed_cycle_needs_no_work(corners: list[float]) -> Non
     assert abs(work(torque, theta)) <= 1e-3 * RATED * np.abs(theta).max()
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(TORQUES, st.floats(0.0, 0.9))
 def test_the_angle_rises_and_falls_with_the_torque(corners: list[float], width: float) -> None:

@@ -41,6 +41,7 @@ class ThirdPartyRegressor(LinearRegression):
     """Stand for an estimator outside scikit-learn."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["gp", "vjm-gp", "deep-ensemble"])
 def test_intervals_have_the_same_bits_after_a_round_trip(key, tmp_path):
     """Compare only intervals; the conformance suite compares every model's predictions."""

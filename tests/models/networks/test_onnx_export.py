@@ -59,6 +59,7 @@ def test_an_ensemble_is_the_mean_of_its_members_in_torch():
     np.testing.assert_allclose(outputs, model.predict(samples.q, samples.wrench), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_missing_package_is_named_with_the_extra_that_brings_it(tmp_path, monkeypatch):
     model = quick_model("mlp")
     find = importlib.util.find_spec

@@ -113,6 +113,7 @@ def test_the_tcp_is_predicted_by_the_turn_of_the_tool_about_the_measured_point(o
     np.testing.assert_allclose(model.predict_at_tcp(test.q, test.wrench), expected, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", get_args(SpringModel))
 def test_a_spring_model_moves_the_tool_as_a_rigid_body(key):
     model = quick_model(key)

@@ -65,6 +65,7 @@ def test_ridge_minimises_generalised_cross_validation_against_brute_force(rng):
     np.testing.assert_allclose(ridge(matrix, target), truth, rtol=0.02, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_more_intervals_of_its_torsion_springs_hold_the_twins_own_than_of_those_of_vjm():
     """Gears have three slopes, so a linear spring has no exact value."""
     of_full, of_vjm = list[bool](), list[bool]()

@@ -32,6 +32,7 @@ def test_it_recovers_known_stiffnesses_from_exact_samples(kr10, rng):
     assert joints.rank == 6 and joints.unidentifiable == ()
 
 
+@pytest.mark.slow
 def test_its_standard_errors_are_the_scatter_of_repeated_identifications(kr10, rng):
     repeats = [identify_joints(kr10, simulated_samples(kr10, rng, noise=2e-5)) for _ in range(200)]
     stiffness = np.array([joints.stiffness for joints in repeats])

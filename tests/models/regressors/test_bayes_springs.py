@@ -177,6 +177,7 @@ def test_friction_of_a_known_approach_is_found_and_left_out_of_predictions(clean
     assert error(predict(model, test), truth) < 0.5 * error(predict(silent, test), truth)
 
 
+@pytest.mark.slow
 def test_groups_after_a_minus_are_left_out_with_all_that_share_their_first_word(few):
     robot, train = few
     model = BayesSprings(groups="-links+lost motion").fit(train, robot=robot)

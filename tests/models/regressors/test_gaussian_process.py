@@ -139,6 +139,7 @@ def sixty_degrees_off(train, test):
     return q, test.wrench
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beyond", [five_times, sixty_degrees_off])
 @pytest.mark.parametrize(
     "model",

@@ -64,6 +64,7 @@ def test_a_saved_learner_predicts_the_same_on_any_physics(key, parts, tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make",
     [

@@ -38,6 +38,7 @@ def test_before_fine_tuning_it_is_the_vjm(parts):
     )
 
 
+@pytest.mark.slow
 def test_every_compliance_matrix_is_positive_semi_definite(fitted, parts):
     test = parts[3]
     move = fitted.robot_.jacobian(test.q)[:, :3]

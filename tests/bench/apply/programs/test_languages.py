@@ -96,6 +96,7 @@ def test_any_krl_motion_is_read_and_written_back(tmp_path, rows, newline, space,
     check(tmp_path, "part.src", newline.join([*lines, "END"]), rows)
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(
     rows=st.lists(st.lists(REAL, min_size=3, max_size=3), min_size=1, max_size=5),
