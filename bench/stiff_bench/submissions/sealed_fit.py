@@ -202,7 +202,9 @@ def why_not_sealed() -> str:
 def _seal(folder: Path) -> Iterator[str]:
     """Yield the options of bubblewrap."""
     yield from ("--unshare-all", "--die-with-parent", "--new-session", "--proc", "/proc")
-    yield from ("--dev", "/dev", "--size", str(LARGEST_TMP), "--tmpfs", "/tmp")
+    yield from ("--dev", "/dev")
+    for place in ("/dev/shm", "/tmp"):
+        yield from ("--size", str(LARGEST_TMP), "--tmpfs", place)
     for path in map(Path, SYSTEM):
         if path.is_symlink():
             yield from ("--symlink", os.readlink(path), str(path))
@@ -216,6 +218,7 @@ def _seal(folder: Path) -> Iterator[str]:
             yield from ("--tmpfs", str(packages[name] / part))
     yield from ("--ro-bind", str(folder), ROOT)
     yield from ("--bind", str(folder / OUTPUT), f"{ROOT}/{OUTPUT}", "--chdir", "/tmp")
+    yield from ("--remount-ro", "/")
 
 
 def _folder_of(package: str) -> Path:
