@@ -98,11 +98,8 @@ def test_a_complete_study_shows_the_new_model_on_its_board_and_page(
     )
     assert page.returncode == 0, page.stderr
     lines = (tmp_path / "out" / "board" / "README.md").read_text().splitlines()
-    statuses = {
-        parts[1].strip(): parts[-2].strip() for line in lines if len(parts := line.split("|")) > 8
-    }
-    assert statuses["model"] == "status"
-    assert (statuses["half-springs"], statuses["vjm"]) == ("reported", "verified")
+    names = {parts[1].strip() for line in lines if len(parts := line.split("|")) > 7}
+    assert {"half-springs", "vjm", "mean"} <= names
 
 
 @pytest.mark.slow
