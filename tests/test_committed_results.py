@@ -120,7 +120,7 @@ def test_every_picture_of_the_committed_pages_is_there():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("study", ["paper", "intervals"])
+@pytest.mark.parametrize("study", ["paper", "intervals", "fresh"])
 def test_a_study_written_again_gives_its_committed_files(study, tmp_path):
     assert_same_files(write_again(study, tmp_path), RESULTS / study)
 
