@@ -34,7 +34,7 @@ from stiff_datasets.twin.fresh_arms import FreshArms
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError, ModelError
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import Cell, CellResult
 from stiff_protocols.scoring.over_robots import MeanRatio, mean_ratio
 
 if TYPE_CHECKING:
@@ -300,10 +300,10 @@ def verify(
             named = (study.lite_version() if lite else study).run[0]
             run = named if side == "named" else _fresh_run(draw, lite)
             rivals = _tasks(study, replace(run, models=RIVALS_LITE if lite else RIVALS), catalogue)
-            keys = {task.cell.key for task in rivals}
-            there = [fit for fit in stored if fit.cell.key in keys and fit.status == "ok"]
-            found_keys = {fit.cell.key for fit in there}
-            missing = [task for task in rivals if task.cell.key not in found_keys]
+            keys = {_plain_key(task.cell) for task in rivals}
+            there = [f for f in stored if _plain_key(f.cell) in keys and f.status == "ok"]
+            stored_keys = {_plain_key(fit.cell) for fit in there}
+            missing = [task for task in rivals if _plain_key(task.cell) not in stored_keys]
             of_submission = [
                 replace(
                     task,
@@ -324,6 +324,11 @@ def verify(
             every_fit = StoredResults.of_results(place, [*there, *of_rivals, *computed])
             scores[side] = Scores.of(every_fit, sort_key(METRIC), every_fit.tasks)
     return Verification(about.name, draw, **scores)
+
+
+def _plain_key(cell: Cell) -> str:
+    """Return the key of a fit without intervals."""
+    return replace(cell, coverage=None, interval_version=0).key
 
 
 def _fresh_run(draw: Draw, lite: bool) -> StudyRun:
