@@ -168,7 +168,7 @@ def board_tables(
     notes = [
         f"{INTERVAL} over robots (Student's t of the logarithms); one vote per robot.",
         "verdict against the VJM: significant over robots (sign flips, Holm), or open; won: "
-        "robots with the smallest error.",
+        "robots with the smallest error, a tie counts for no model.",
         *([MEASURED_NOTE] if _names(table, "measured verdict") else []),
         *notes,
     ]

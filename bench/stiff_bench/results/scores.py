@@ -250,15 +250,15 @@ def model_frame(
     `complete`, `ratio` (geometric mean of error / VJM's error over robots), `smallest` and
     `largest` ratio of a task, `fit_s`. With enough robots of one kind also: `low` and `high` of the
     ratio's interval, `p` against the VJM, and of complete models `verdict`, `won` (robots with the
-    smallest ratio), `n robots`, `worst`, `worst robot`, `rival` (the best spring model), `p rival`
-    and `verdict rival` against it, `like best` (within 5 % of the best), `without low` and `without
-    high` (range without any one robot), `p95`, `noise`, `path` and, if the error is another one,
-    `readings`. Further ratios have the keys (`few`, heading), (`world`, name) with (`world low`,
-    name) and (`world high`, name), (`oracle`, world), (`coverage`, world or heading) of the
-    model's intervals, `without clean`, (`measured`, data set) and
-    (`measured verdict`, data set). `few` has scores with fewer poses on the same robots, by
-    heading; `measured` has the scores on exploratory measured data, without verdicts; None:
-    `scores` has measured data.
+    smallest ratio; ties count for none), `n robots`, `worst`, `worst robot`, `rival` (the best
+    spring model), `p rival` and `verdict rival` against it, `like best` (within 5 % of the best),
+    `without low` and `without high` (range without any one robot), `p95`, `noise`, `path` and, if
+    the error is another one, `readings`. Further ratios have the keys (`few`, heading), (`world`,
+    name) with (`world low`, name) and (`world high`, name), (`oracle`, world), (`coverage`, world
+    or heading) of the model's intervals, `without clean`, (`measured`, data set) and (`measured
+    verdict`, data set). `few` has scores with fewer poses on the same robots, by heading;
+    `measured` has the scores on exploratory measured data, without verdicts; None: `scores` has
+    measured data.
     """
     from pandas import DataFrame, Index  # slow, and a single task needs no frame
 
@@ -310,8 +310,9 @@ def _with_robots(
     rival = min(filter(is_spring_model, means), key=means.__getitem__)
     table["n robots"], table["rival"] = len(logs), rival
     originals = logs.drop(columns=[*scores.copies], errors="ignore")
-    winners = originals.idxmin(axis="columns")
-    table["won"] = winners.value_counts().reindex(logs.columns).fillna(0)
+    smallest = originals.sub(originals.min(axis="columns"), axis="index") < 1e-9  # of equal size
+    alone = smallest[smallest.sum(axis="columns") == 1]
+    table["won"] = alone.sum().reindex(logs.columns).fillna(0)
     table["worst"], table["worst robot"] = logs.max().map(math.exp), logs.idxmax()
     table.loc[REFERENCE_MODEL, "worst"] = math.nan
     left_out = logs.apply(without_one)

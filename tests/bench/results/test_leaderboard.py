@@ -239,6 +239,15 @@ def test_on_a_study_s_board_a_model_equal_to_its_teacher_says_so_and_wins_nothin
 
 
 @pytest.mark.slow
+def test_on_a_robot_where_two_models_tie_no_model_wins(made):
+    for number, ratio in enumerate(GOOD):
+        made.add_robot(number, {"net": 0.9 * ratio if number == 0 else ratio, "vjm-full": ratio})
+    settings = BoardSettings("holdout", controls={"net": "vjm-full"})
+    frame = StudyLeaderboard(StoredResults.read(made.folder), settings).frame.set_index("model")
+    assert frame.loc[["net", "vjm-full"], "won"].tolist() == [1, 0]
+
+
+@pytest.mark.slow
 def test_variants_that_ran_in_some_worlds_have_tables_of_these_worlds(made):
     for number, ratio in enumerate(GOOD):
         made.add_robot(number, {"good": ratio, "wide": 0.9}, words="@world=all")
