@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -150,10 +150,22 @@ def _prctl(option: int, value: int) -> None:
 def _end_all_below() -> None:
     """Kill every child process, also children that are started meanwhile."""
     while children := psutil.Process().children(recursive=True):
-        for process in children:
-            with suppress(psutil.Error):
-                process.kill()
+        kill(children)
         psutil.wait_procs(children, timeout=0.1)
+
+
+def kill(processes: Iterable[psutil.Process]) -> None:
+    """Kill processes; some may have ended."""
+    for process in processes:
+        with suppress(psutil.Error):
+            process.kill()
+
+
+def resident_bytes(process: psutil.Process) -> int:
+    """Return the resident memory of a process; 0 if it has ended."""
+    with suppress(psutil.Error):
+        return int(process.memory_info().rss)
+    return 0
 
 
 def folder_prefix(run: int) -> str:

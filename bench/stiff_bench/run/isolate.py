@@ -37,6 +37,8 @@ from stiff_bench.run.fit_process import (
     Work,
     compute_fit,
     folder_prefix,
+    kill,
+    resident_bytes,
 )
 from stiff_bench.run.progress import Display
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
@@ -133,7 +135,7 @@ class RunningFit:
 
     def end(self) -> None:
         """Kill the process and its children, and delete its folder."""
-        _kill(self._family)
+        kill(self._family)
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _is_lost(self, listener: Callable[[Progress], None]) -> bool:
@@ -156,15 +158,15 @@ class RunningFit:
         except (OSError, ValueError):
             return False  # it has not started
         except psutil.Error:
-            _kill(self._family)  # a pipe stays open while a child of the process holds it
+            kill(self._family)  # a pipe stays open while a child of the process holds it
             return now - self._there > SECONDS_TO_HEAR
         self._there = now
         self._family.update(alive)
         if self._limits.memory_bytes is not None:
-            taken = sum(map(_resident, alive))
+            taken = sum(map(resident_bytes, alive))
             if taken > self._limits.memory_bytes:
                 self._too_much = taken
-                _kill(alive)
+                kill(alive)
         return False
 
     def _ended(self) -> FitOutcome:
@@ -200,20 +202,6 @@ class RunningFit:
         return tuple(line[:LONGEST_LINE].rstrip() for line in model_lines[-LOG_LINES:])
 
 
-def _kill(processes: Iterable[psutil.Process]) -> None:
-    for process in processes:
-        with suppress(psutil.Error):
-            process.kill()
-
-
-def _resident(process: psutil.Process) -> int:
-    """Return the resident memory of a process, bytes; 0 if it has ended."""
-    try:
-        return int(process.memory_info().rss)
-    except psutil.Error:
-        return 0
-
-
 def _expired(exit_code: int, seconds: float) -> FitOutcome:
     """Return the outcome of a process with this exit code (negative: a signal's number)."""
     if exit_code >= 0:
@@ -231,7 +219,7 @@ def end_all_fits() -> None:
     """Kill all children of the server that forks the fits' processes."""
     for server in _servers():
         with suppress(psutil.Error):
-            _kill(server.children(recursive=True))
+            kill(server.children(recursive=True))
 
 
 def _servers() -> list[psutil.Process]:

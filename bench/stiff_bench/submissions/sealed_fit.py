@@ -35,7 +35,7 @@ from stiff_bench.model_tools.plugins import model_checks
 from stiff_bench.plan.options import Choice, chosen
 from stiff_bench.plan.registry import KEY, registry, use_plugin
 from stiff_bench.run.fit import FitOutcome, Fitted, fit_and_predict
-from stiff_bench.run.fit_process import Limits
+from stiff_bench.run.fit_process import Limits, kill, resident_bytes
 from stiff_bench.submissions.submission import Submission
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, describe_error
 from stiff_protocols.contract.evaluation import FitInput
@@ -166,7 +166,7 @@ class SealedModel:
             try:
                 failure = self._watched(process)
             finally:
-                _kill(process.pid)
+                kill(_family(process.pid))
                 process.wait()
         if not failure and process.returncode:
             failure = f"its process ended with status {process.returncode}"
@@ -183,7 +183,7 @@ class SealedModel:
             family = _family(process.pid)
             if len(family) > MOST_PROCESSES:
                 return f"started more than {MOST_PROCESSES} processes"
-            taken = sum(map(_resident, family))
+            taken = sum(map(resident_bytes, family))
             if limits.memory_bytes is not None and taken > limits.memory_bytes:
                 return f"took more than {limits.memory_bytes / 2**20:.0f} MiB of memory"
             time.sleep(SECONDS_BETWEEN_LOOKS)
@@ -247,18 +247,6 @@ def _family(pid: int) -> list[psutil.Process]:
         process = psutil.Process(pid)
         return [process, *process.children(recursive=True)]
     return []
-
-
-def _resident(process: psutil.Process) -> int:
-    with suppress(psutil.Error):
-        return int(process.memory_info().rss)
-    return 0
-
-
-def _kill(pid: int) -> None:
-    for process in _family(pid):
-        with suppress(psutil.Error):
-            process.kill()
 
 
 def read_answer(file: Path) -> tuple[About, dict[str, Any]]:

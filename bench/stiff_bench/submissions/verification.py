@@ -126,7 +126,7 @@ class Verification:
         """Kendall's tau between the models' scores on named and on fresh robots."""
         from scipy.stats import kendalltau
 
-        ratios = [[row[side, "ratio"] for _, row in self.frame.iterrows()] for side in SIDES]
+        ratios = (self.frame[side, "ratio"] for side in SIDES)
         return float(kendalltau(*ratios).statistic)
 
     @cached_property
@@ -299,11 +299,11 @@ def verify(
         for side in SIDES:
             named = (study.lite_version() if lite else study).run[0]
             run = named if side == "named" else _fresh_run(draw, lite)
-            rivals = _tasks(study, replace(run, models=RIVALS_LITE if lite else RIVALS), catalogue)
-            keys = {_plain_key(task.cell) for task in rivals}
-            there = [f for f in stored if _plain_key(f.cell) in keys and f.status == "ok"]
+            run_of_rivals = replace(run, models=RIVALS_LITE if lite else RIVALS)
+            rivals = {_plain_key(t.cell): t for t in _tasks(study, run_of_rivals, catalogue)}
+            there = [f for f in stored if _plain_key(f.cell) in rivals and f.status == "ok"]
             stored_keys = {_plain_key(fit.cell) for fit in there}
-            missing = [task for task in rivals if _plain_key(task.cell) not in stored_keys]
+            missing = [task for key, task in rivals.items() if key not in stored_keys]
             of_submission = [
                 replace(
                     task,
