@@ -24,7 +24,7 @@ NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?", re.IGNORECASE)
 STRING = re.compile(r"\"[^\"\r\n]*\"")
 WORD = re.compile(r"[A-Za-z_$]\w*")
 LARGEST = 1e100
-"""Numbers from here on are no lengths and angles; squares of smaller ones are finite."""
+"""Larger numbers are neither lengths nor angles; squares of smaller ones are finite."""
 
 
 def without_comments(text: str, comment: re.Pattern[str]) -> str:

@@ -224,11 +224,8 @@ def _group_means(table: DataFrame, levels: str | list[str]) -> DataFrame:
     """Return the `_mean` of each column over the rows with the same levels of the index."""
     from pandas import DataFrame  # slow, and a single task needs no frame
 
-    groups, values = (
-        table.groupby(levels, sort=False),
-        table.to_numpy(),
-    )  # agg takes 50 times longer
-    index = groups.size().index
+    groups, values = table.groupby(levels, sort=False), table.to_numpy()
+    index = groups.size().index  # `groups.agg(_mean)` takes 50 times longer
     means = [[_mean(column) for column in values[groups.indices[key]].T] for key in index]
     return DataFrame(means, index=index, columns=table.columns, dtype=float)
 
