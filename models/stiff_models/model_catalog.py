@@ -5,14 +5,14 @@ Imports nothing heavy, so that lists appear at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Literal, get_args
 
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.extras import missing
-from stiff_protocols.contract.plugin import ModelFamily, ModelInfo
+from stiff_protocols.contract.plugin import Citation, ModelFamily, ModelInfo
 
 SpringModel = Literal[
     "vjm",
@@ -34,6 +34,26 @@ _QUICK_SOURCE = {"width": 16, "pretrain_steps": 20}
 REFERENCE_MODEL = "vjm"
 """Reference of every other model's skill."""
 
+
+def _citation(authors: Sequence[str], year: int, title: str, url: str = "") -> Citation:
+    return Citation(authors=authors, year=year, title=title, url=url)
+
+
+_STIFFBENCH = _citation(["stiffbench"], 2026, "A model of stiffbench, docs/models.md")
+_SOURCE_PAPER = _citation(
+    ["Kai Wu", "Yuanhui Zhang", "Dehua Gao", "Shuhan Deng", "Weihua Li", "Mingfeng Wang"],
+    2024,
+    "Neural network-based transfer learning to improve stiffness modeling of industrial robots "
+    "with small experimental data sets",
+    "https://doi.org/10.1007/s00170-024-14794-z",
+)
+_GAUSSIAN_PROCESSES = _citation(
+    ["Carl Edward Rasmussen", "Christopher K. I. Williams"],
+    2006,
+    "Gaussian Processes for Machine Learning",
+    "https://gaussianprocess.org/gpml",
+)
+
 MODELS = (
     ModelInfo(
         key="zero",
@@ -52,6 +72,12 @@ MODELS = (
         target="stiff_models.regressors.regressor_model:NearestNeighbours",
         summary="mean of the nearest training samples",
         equation="d = weighted mean of the nearest training deflections",
+        citation=_citation(
+            ["Thomas M. Cover", "Peter E. Hart"],
+            1967,
+            "Nearest neighbor pattern classification",
+            "https://doi.org/10.1109/TIT.1967.1053964",
+        ),
         grids={"default": {"neighbours": (1, 3, 5, 10), "weights": ("uniform", "distance")}},
     ),
     ModelInfo(
@@ -61,6 +87,13 @@ MODELS = (
         summary="virtual joint model, one linear spring per joint, least squares",
         equation="d = J_v diag(c) J^T w, c >= 0",
         reference="deflection = J K^-1 J^T wrench; identified as in the source paper",
+        kind="physics",
+        citation=_citation(
+            ["J. Kenneth Salisbury"],
+            1980,
+            "Active stiffness control of a manipulator in Cartesian coordinates",
+            "https://doi.org/10.1109/CDC.1980.272026",
+        ),
     ),
     ModelInfo(
         key="vjm-multisegment",
@@ -69,6 +102,8 @@ MODELS = (
         summary="VJM with piecewise linear joint springs, preloaded by gravity",
         equation="d = J_v [phi(tau_g + J^T w) - phi(tau_g)], phi piecewise linear",
         reference="multi-segment joint stiffness after Schneider et al.; see docs/models.md",
+        kind="physics",
+        citation=_STIFFBENCH,
         grids={"default": {"segments": (2, 3), "breakpoints": ("quantile", "search")}},
     ),
     ModelInfo(
@@ -78,6 +113,13 @@ MODELS = (
         summary="VJM with three or six springs per joint, a prior for those not identifiable",
         equation="d = sum over 18 or 36 springs s of J_v,s c_s J_s^T w, c_s >= 0",
         reference="after Pashkevich, Klimchik and Chablat 2011",
+        kind="physics",
+        citation=_citation(
+            ["Anatol Pashkevich", "Alexandr Klimchik", "Damien Chablat"],
+            2011,
+            "Enhanced stiffness modeling of manipulators with passive joints",
+            "https://doi.org/10.1016/j.mechmachtheory.2010.12.008",
+        ),
         grids={"default": {"springs": (3, 6), "solver": ("nnls", "ridge")}},
     ),
     ModelInfo(
@@ -86,6 +128,8 @@ MODELS = (
         summary="VJM whose compliances depend on the angles of shoulder and elbow, by ridge",
         equation="d = J_v diag(c(q2, q3)) J^T w, c a Fourier series, c >= 0",
         reference="after arXiv 2510.19962, 2025; docs/models.md",
+        kind="physics",
+        citation=_citation([], 2025, "arXiv 2510.19962", "https://arxiv.org/abs/2510.19962"),
     ),
     ModelInfo(
         key="curve-springs",
@@ -94,6 +138,8 @@ MODELS = (
         equation="d = sum over springs s of a_s [phi_s(tau_g + tau) - phi_s(tau_g)], phi_s with "
         "few parameters",
         reference="the yardstick for models that learn a curve; docs/models.md",
+        kind="physics",
+        citation=_STIFFBENCH,
         grids={"default": {"weights": ("equal", "student")}},
     ),
     ModelInfo(
@@ -103,6 +149,8 @@ MODELS = (
         equation="d = sum over groups of F_g(q, w) b_g, b_g ~ N(0, s_g^2), s_g by marginal "
         "likelihood",
         reference="MacKay 1992, evidence framework; groups in docs/models.md",
+        kind="physics",
+        citation=_STIFFBENCH,
     ),
     ModelInfo(
         key="mlp",
@@ -111,6 +159,8 @@ MODELS = (
         summary="4 x 380 network from scratch on the measured training samples",
         equation="d = net(sin q, cos q, w)",
         reference="network of the source paper, without its transfer",
+        kind="network",
+        citation=_SOURCE_PAPER,
         uses_validation=True,
         quick=_QUICK_NETWORK,
         grids={"default": {"learning_rate": (3e-4, 1e-3, 3e-3), "width": (128, 380)}},
@@ -122,6 +172,8 @@ MODELS = (
         summary="4 x 380 network trained only on simulated samples",
         equation="d = net(sin q, cos q, w), trained on a simulated VJM",
         reference="pre-training of the source paper",
+        kind="hybrid",
+        citation=_SOURCE_PAPER,
         quick=_QUICK_SOURCE,
     ),
     ModelInfo(
@@ -131,6 +183,8 @@ MODELS = (
         summary="pre-trained network, fine-tuned on what the best of three VJMs leaves",
         equation="d = teacher(q, w) + net_theta(q, w) - net_theta0(q, w), theta0 pre-trained",
         reference="the method of the source paper with anchor=none, or with its preset",
+        kind="hybrid",
+        citation=_SOURCE_PAPER,
         uses_validation=True,
         quick=_QUICK_SOURCE | {"epochs": 10},
         grids={
@@ -149,6 +203,8 @@ MODELS = (
         summary="1x1-convolution network pre-trained on simulated samples; alignment on request",
         equation="d = net(sin q, cos q, w) of 1x1 convolutions, trained on a simulated VJM",
         reference="Zhao et al., UDTL, 2021; the source paper's DT-CNN",
+        kind="hybrid",
+        citation=_SOURCE_PAPER,
         quick={"pretrain_steps": 12},
         grids={"default": {"alignment": ("none", "mk-mmd", "coral")}},
     ),
@@ -159,6 +215,13 @@ MODELS = (
         summary="4 x 380 network with two regressors, adversarially adapted to the measured poses",
         equation="d = mean of two regressors on one feature network, adversarially adapted",
         reference="after Saito et al. 2018 and Xia et al. 2022",
+        kind="hybrid",
+        citation=_citation(
+            ["Kuniaki Saito", "Kohei Watanabe", "Yoshitaka Ushiku", "Tatsuya Harada"],
+            2018,
+            "Maximum classifier discrepancy for unsupervised domain adaptation",
+            "https://doi.org/10.1109/CVPR.2018.00392",
+        ),
         quick=_QUICK_SOURCE,
         grids={"default": {"adversarial_weight": (0.0, 0.1, 0.3, 1.0)}},
     ),
@@ -168,6 +231,8 @@ MODELS = (
         version=4,
         summary="network of pose-dependent joint compliances in the VJM's equation",
         equation="d = J_v diag(c(q, tau)) J^T w, c = softplus(net)",
+        kind="hybrid",
+        citation=_STIFFBENCH,
         uses_validation=True,
         quick=_QUICK_NETWORK,
     ),
@@ -178,6 +243,13 @@ MODELS = (
         summary="mean of several ft-mlp with different seeds",
         equation="d = mean of five ft-mlp with other seeds",
         reference="Lakshminarayanan, Pritzel and Blundell 2017",
+        kind="hybrid",
+        citation=_citation(
+            ["Balaji Lakshminarayanan", "Alexander Pritzel", "Charles Blundell"],
+            2017,
+            "Simple and scalable predictive uncertainty estimation using deep ensembles",
+            "https://arxiv.org/abs/1612.01474",
+        ),
         uses_validation=True,
         quick=_QUICK_SOURCE | {"epochs": 10, "members": 2},
     ),
@@ -187,6 +259,8 @@ MODELS = (
         version=3,
         summary="VJM plus an MLP of its residual",
         equation="d = physics(q, w) + net(sin q, cos q, w)",
+        kind="hybrid",
+        citation=_STIFFBENCH,
         uses_validation=True,
         quick=_QUICK_NETWORK,
         grids={
@@ -200,6 +274,8 @@ MODELS = (
         version=4,
         summary="Gaussian process of the deflection, with prediction intervals",
         equation="d ~ GP(sin q, cos q, w)",
+        kind="Gaussian process",
+        citation=_GAUSSIAN_PROCESSES,
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS},
     ),
@@ -209,6 +285,8 @@ MODELS = (
         version=4,
         summary="VJM plus a Gaussian process of its residual, with prediction intervals",
         equation="d = physics(q, w) + GP(sin q, cos q, w)",
+        kind="hybrid",
+        citation=_GAUSSIAN_PROCESSES,
         quick=_QUICK_PROCESS,
         grids={"default": _KERNELS, "physics": _PHYSICS},
     ),
@@ -218,6 +296,13 @@ MODELS = (
         version=2,
         summary="VJM plus gradient-boosted trees of its residual",
         equation="d = physics(q, w) + boosted trees(sin q, cos q, w)",
+        kind="hybrid",
+        citation=_citation(
+            ["Jerome H. Friedman"],
+            2001,
+            "Greedy function approximation: a gradient boosting machine",
+            "https://doi.org/10.1214/aos/1013203451",
+        ),
         quick={"trees": 20},
         grids={
             "default": {"learning_rate": (0.02, 0.05, 0.1), "leaves": (4, 8)},
@@ -230,6 +315,7 @@ MODELS = (
         summary="RealMLP, a tuned network for small tables",
         equation="d = RealMLP(sin q, cos q, w)",
         reference="Holzmueller, Grinsztajn and Steinwart 2024; package pytabkit",
+        kind="network",
         missing_because="stiff_models.model_catalog:missing_pytabkit",
         library="pytabkit",
         uses_validation=True,
@@ -241,6 +327,7 @@ MODELS = (
         summary="TabM, an ensemble of networks that share most weights",
         equation="d = TabM(sin q, cos q, w)",
         reference="Gorishniy, Kotelnikov and Babenko 2025; package pytabkit",
+        kind="network",
         missing_because="stiff_models.model_catalog:missing_pytabkit",
         library="pytabkit",
         uses_validation=True,
@@ -252,6 +339,7 @@ MODELS = (
         summary="TabPFN, a network that learned to predict from small tables",
         equation="d = TabPFN(sin q, cos q, w)",
         reference="Hollmann et al. 2025; package tabpfn",
+        kind="network",
         missing_because="stiff_models.model_catalog:missing_tabpfn",
         library="tabpfn",
     ),
@@ -261,6 +349,7 @@ MODELS = (
         summary="TabICL, an open network that learned to predict from small tables",
         equation="d = TabICL(sin q, cos q, w)",
         reference="Qu, Holzmueller, Varoquaux and Le Morvan 2026 (TabICLv2); package tabicl",
+        kind="network",
         missing_because="stiff_models.model_catalog:missing_tabicl",
         library="tabicl",
     ),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.parameter_types import FilePath, Folder
+from stiff_bench.results.fresh_robots import FILE, read_entries
 from stiff_bench.run.cell import Execution
 from stiff_bench.run.fit_process import Limits
 from stiff_bench.submissions.card import read_card
@@ -19,8 +20,6 @@ from stiff_protocols.contract.files import written_whole
 
 STUDY = "leaderboard"
 BOARD_RESULTS = Path("results/leaderboard/runs")
-FRESH_FILE = "fresh.json"
-"""File next to the board's results: what each submission did on fresh robots."""
 TIMEOUT_S, MEMORY_BYTES = 600.0, 4 * 2**30
 """Limits of a fit."""
 
@@ -86,9 +85,8 @@ def verify_submission(
         write=write,
     )
     if write:
-        file = Path(results).parent / FRESH_FILE
-        entries = json.loads(file.read_text()) if file.exists() else {}
-        entries[verification.model] = verification.record()
-        with written_whole(file) as temporary:
+        folder = Path(results).parent
+        entries = {**read_entries(folder), verification.model: verification.record()}
+        with written_whole(folder / FILE) as temporary:
             temporary.write_text(json.dumps(entries, indent=2, sort_keys=True) + "\n")
     return Tables([verification.table()], command)

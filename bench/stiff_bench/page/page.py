@@ -62,6 +62,7 @@ class Section:
         about: facts in one line above the heading.
         texts: labelled sentences.
         tables: tables below the sentences.
+        choices: tables of which the page shows one, chosen by the text in front of it.
         figures: pictures below the tables.
         notes: list of further texts; text between backticks is code.
         links: other pages and files.
@@ -75,6 +76,7 @@ class Section:
     about: str = ""
     texts: Sequence[tuple[str, str]] = ()
     tables: Sequence[Table] = ()
+    choices: Sequence[tuple[str, Table]] = ()
     figures: Sequence[Figure] = ()
     notes: Sequence[str] = ()
     links: Sequence[Link] = ()
@@ -92,8 +94,9 @@ class Page:
         title: title of the page.
         sections: its content.
         command: command that makes the page.
-        addresses: name in the first column of a table -> address of its own page.
+        addresses: text in a cell -> address of its own page, or of a paper.
         up: link to the page above this one; None: there is none.
+        words: text of a heading or cell -> its meaning, shown when a pointer rests on it.
     """
 
     title: str
@@ -101,6 +104,7 @@ class Page:
     command: str = ""
     addresses: Mapping[str, str] = field(default_factory=dict)
     up: Link | None = None
+    words: Mapping[str, str] = field(default_factory=dict)
 
 
 def drawn_figures(figures: Iterable[tuple[Callable[[], Prepared], str]]) -> list[Figure]:

@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pandas import DataFrame
@@ -28,21 +29,38 @@ from stiff_bench.page.page import (
     write_text,
 )
 from stiff_bench.paper.study_file import Study
-from stiff_bench.results.columns import RATIO_FORMAT
+from stiff_bench.results.columns import (
+    FIT,
+    INTERVAL,
+    MODEL,
+    RATIO_FORMAT,
+    UNSEEN,
+    WORDS,
+    names_of_kind,
+    number,
+    ratio_column,
+)
+from stiff_bench.results.fresh_robots import flag_of
 from stiff_bench.results.leaderboard import StudyLeaderboard
 from stiff_bench.results.notes import sources
+from stiff_bench.results.scored_task import ScoredTask
 from stiff_bench.store.names import split_word
-from stiff_bench.tables.table import Column, Quantity, Table
+from stiff_bench.submissions.card import Card, read_card
+from stiff_bench.submissions.submission import CARD
+from stiff_bench.tables.table import Column, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM
 from stiff_bench.tables.writers import render
-from stiff_models.model_catalog import REFERENCE_MODEL
+from stiff_datasets.robots.shipped_robots import TITLES
+from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import ConfigError
+from stiff_protocols.contract.plugin import Citation
 
 INDEX, MODELS, DATASETS = "index.html", "models", "data"
 FILES = "files"
 """Folder of the data sets' files, inside the folder of their pages."""
 SCORES, SCRIPT = "scores.csv", "tables.js"
 TITLE = "stiffbench leaderboard"
+CITATIONS = "citations.bib"
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
 
@@ -74,9 +92,16 @@ class LeaderboardSite:
     show_model: Callable[[str], str]
 
     @cached_property
+    def _tasks(self) -> list[ScoredTask]:
+        """Return the tasks of the board, and of measured data that it does not average."""
+        every = *self.board.scores.tasks, *chain(*self.board.readings.measured.values())
+        return [*{task.name: task for task in reversed(every)}.values()][::-1]
+
+    @cached_property
     def errors(self) -> DataFrame:
         """Return the mean errors of each model on each data set."""
-        return errors_frame(self.board.scores.frame)
+        scores = self.board.readings.over(self._tasks)
+        return errors_frame(scores.frame)
 
     def write(self, folder: Path) -> Iterator[Path]:
         """Write all pages into a folder, and yield each file; the first page is the last.
@@ -85,27 +110,105 @@ class LeaderboardSite:
             ConfigError: the study has too few results.
             StoreError: a file cannot be written.
         """
-        names = [*self.board.board_frame["model"]]
-        models = {name: f"{MODELS}/{file_stem(name)}.html" for name in names}
-        names = [*dict.fromkeys(task.name.dataset for task in self.board.scores.tasks)]
-        datasets = {name: f"{DATASETS}/{file_stem(name)}.html" for name in names}
+        models = {name: f"{MODELS}/{file_stem(name)}.html" for name in self.methods}
+        datasets = {
+            title: f"{DATASETS}/{file_stem(name)}.html" for name, title in self.titles.items()
+        }
         pages = {**models, **datasets}
         from_below = {name: f"../{address}" for name, address in pages.items()}
+        paper_links = {
+            method.citation.text: method.citation.url
+            for method in self.methods.values()
+            if method.citation and method.citation.url.startswith(("https://", "http://"))
+        }
         up = Link(TITLE, f"../{INDEX}")
-        for name, address in pages.items():
-            if name in models:
-                section = self._model_section(name)
-            else:
-                files = folder / DATASETS / FILES / file_stem(name)
-                section = self._dataset_section(name, files)
-                yield from sorted(files.iterdir())
-            page = Page(name, [section], self.command, from_below, up)
+        for name, address in models.items():
+            addresses = {**paper_links, **from_below}
+            page = Page(name, [self._model_section(name)], self.command, addresses, up, WORDS)
             yield write_text(folder / address, html_page(page, f"../{SCRIPT}"))
+        for name, title in self.titles.items():
+            files = folder / DATASETS / FILES / file_stem(name)
+            section = self._dataset_section(name, files)
+            yield from sorted(files.iterdir())
+            page = Page(title, [section], self.command, from_below, up, WORDS)
+            yield write_text(folder / datasets[title], html_page(page, f"../{SCRIPT}"))
         yield write_text(folder / SCRIPT, table_script())
         scores = render(self.board.tables, "csv", self.command)
         yield write_text(folder / SCORES, f"{scores}\n")
-        page = Page(TITLE, [self._first_section(datasets)], self.command, pages)
+        entries = [
+            method.citation.bibtex(name) for name, method in self.methods.items() if method.citation
+        ]
+        yield write_text(folder / CITATIONS, "\n\n".join(entries) + "\n")
+        first = [self._first_section(datasets)]
+        page = Page(TITLE, first, self.command, {**paper_links, **pages}, words=WORDS)
         yield write_text(folder / INDEX, html_page(page, SCRIPT))
+
+    @cached_property
+    def methods(self) -> dict[str, Method]:
+        """Return kind and origin of the board's models, best first."""
+        cards = submission_cards(self.board.stored.folder.parents[1])
+        return {name: method_of(name, cards) for name in self.board.board_frame["model"]}
+
+    @cached_property
+    def titles(self) -> dict[str, str]:
+        """Return the data sets' names as people say them: robot, world and plan."""
+        tasks = {task.name.dataset: task for task in self._tasks}
+        titles = {name: dataset_title(task) for name, task in tasks.items()}
+        counts = Counter(titles.values())
+        return {name: title if counts[title] == 1 else name for name, title in titles.items()}
+
+    @cached_property
+    def _facts(self) -> dict[Any, dict[Any, Any]]:
+        """Return what is known of each model besides the metrics, by name."""
+        board, fresh = self.board, self.board.fresh
+        rows = board.board_frame.set_index("model", drop=False)
+        if fresh is not None:
+            rows = rows.join(fresh.set_index("model"))
+        started = {run.run_id: run.started[:10] for run in board.stored.runs}
+        facts: dict[Any, dict[Any, Any]] = rows.to_dict("index")
+        for name, row in facts.items():
+            method = self.methods[name]
+            every = [fit for task in board.scores.tasks for fit in task.results.get(name, ())]
+            row["date"] = max((started.get(fit.run_id, "") for fit in every), default="")
+            row["date"] = row["date"].replace("-", "\N{NON-BREAKING HYPHEN}")
+            row["kind"] = method.kind
+            row["method"] = method.citation.text if method.citation else None
+        return facts
+
+    def _choices(self) -> Iterator[tuple[str, Table]]:
+        """Yield the table of the models for each metric, smallest ratio first."""
+        measured = names_of_kind(self.board.frame, "measured")
+        for metric, frame in self.board.metrics.items():
+            keys: Any = [*frame]
+            worlds = [name for name in dict.fromkeys(part for part, _ in keys) if name]
+            rows = [
+                {**self._facts[name], **row, "rank": place}
+                for place, (name, row) in enumerate(frame.to_dict("index").items(), start=1)
+            ]
+            columns = [
+                Column("rank"),
+                MODEL,
+                *text_columns("kind", "method"),
+                ratio_column("error / VJM's", ("", "ratio")),
+                ratio_column(
+                    INTERVAL, ends=(("", "low"), ("", "high")), color=("", "ratio"), is_chart=True
+                ),
+                *(ratio_column(name, (name, "ratio"), color=(name, "ratio")) for name in worlds),
+                *(
+                    ratio_column(self.titles.get(name, name), key, color=key)
+                    for name in measured
+                    if (key := ("measured", name))
+                ),
+                *FRESH_COLUMNS,
+                FIT,
+                Column("date", "text"),
+            ]
+            columns = [
+                c
+                for c in columns
+                if c.value is None or any(c.value(row) is not None for row in rows)
+            ]
+            yield metric, Table.of(f"Error over the VJM's: {metric}", columns, rows)
 
     def _first_section(self, datasets: Mapping[str, str]) -> Section:
         board, stored, summary = self.board, self.board.stored, self.board.summary
@@ -120,16 +223,24 @@ class LeaderboardSite:
             summary.headline,
             f"{self.study.title} · {counts.total()} fits",
             texts=summary.sentences,
-            tables=[replace(ratios, title="Models", notes=[])],
+            choices=[*self._choices()],
             sections=[
+                Section("Words", notes=[f"{word}: {text}" for word, text in WORDS.items()]),
                 Section("Notes", notes=[*self.study.notes, *notes], is_folded=True),
                 Section("Cost and number of poses", figures=figures),
-                Section("How sure, and other numbers", tables=other_tables, is_folded=True),
+                Section(
+                    "How sure, and other numbers",
+                    tables=[replace(ratios, title="Verdicts", notes=[]), *other_tables],
+                    is_folded=True,
+                ),
                 Section("Data sets", links=[Link(*item) for item in datasets.items()]),
                 Section(
                     "Provenance",
                     notes=[sources(stored.folder, stored.runs, counts)],
-                    links=[Link(f"{SCORES}: all numbers of this page", SCORES)],
+                    links=[
+                        Link(f"{SCORES}: all numbers of this page", SCORES),
+                        Link(f"{CITATIONS}: papers of the models as BibTeX", CITATIONS),
+                    ],
                 ),
             ],
         )
@@ -149,16 +260,20 @@ class LeaderboardSite:
             )
         ]
         frame = self.errors[self.errors["model"] == name]
+        frame = frame.assign(**{"data set": frame["data set"].map(self.titles)})
         errors = errors_table("Errors on each data set, best ratio first", "data set", frame)
+        method = self.methods[name]
         try:
             about = self.show_model(split_word(name)[0])
         except ConfigError:
-            about = f"{name}: model of a submission, see results/submissions"
+            about = method.code
+        sections = [Section("Model and its options", log=about, is_folded=True)]
+        facts = [("kind", method.kind), ("code", method.code)]
+        if citation := method.citation:
+            facts.insert(1, ("method", f"{citation.text}. {citation.title}"))
+            sections.insert(0, Section("BibTeX", log=citation.bibtex(name)))
         return Section(
-            name,
-            tables=[*scores, errors],
-            figures=figures,
-            sections=[Section("Model and its options", log=about, is_folded=True)],
+            name, texts=facts, tables=[*scores, errors], figures=figures, sections=sections
         )
 
     def _dataset_section(self, name: str, files: Path) -> Section:
@@ -179,9 +294,14 @@ class LeaderboardSite:
         export = shlex.join(["bench", "data", "export", name, "--output", file_stem(name)])
         caveats = [("caveat", caveat) for caveat in info.caveats]
         return Section(
-            name,
+            self.titles[name],
             info.kind,
-            texts=[("what it is", info.summary), *dataset.data.facts, *caveats],
+            texts=[
+                ("name", f"`{name}`"),
+                ("what it is", info.summary),
+                *dataset.data.facts,
+                *caveats,
+            ],
             tables=[errors_table(title, "model", frame)],
             figures=drawn_figures([(picture, command), (dataset.plot, command)]),
             sections=[
@@ -189,6 +309,68 @@ class LeaderboardSite:
                 Section("Data card", log=dataset.card or "none", is_folded=True),
             ],
         )
+
+
+class Method(NamedTuple):
+    """Kind and origin of a model.
+
+    Attributes:
+        kind: what it is made of.
+        citation: paper or report that defines it; None: unknown.
+        code: place of its code.
+    """
+
+    kind: str
+    citation: Citation | None
+    code: str
+
+
+def _fresh_over_named(row: Mapping[Any, Any]) -> Quantity | None:
+    ratio = number(row, ("change", "ratio"))
+    return None if ratio is None else Quantity(ratio, status=flag_of(row))
+
+
+FRESH_COLUMNS = (
+    ratio_column("fresh robots", ("fresh", "ratio"), color=("fresh", "ratio")),
+    Column("fresh / named", format=RATIO_FORMAT, value=_fresh_over_named),
+    ratio_column(UNSEEN, (UNSEEN, "ratio"), color=(UNSEEN, "ratio")),
+)
+"""Columns of fresh robots; see `fresh_robots.fresh_frame`."""
+
+
+def submission_cards(results: Path) -> dict[str, tuple[Card, str]]:
+    """Return card and folder of each submission in RESULTS/submissions, by its model."""
+    files = sorted((results / "submissions").glob(f"*/{CARD}"))
+    cards = [(read_card(file), f"{file.parent.name}/code") for file in files]
+    return {card.model: (card, f"results/submissions/{code}") for card, code in cards}
+
+
+def method_of(name: str, cards: Mapping[str, tuple[Card, str]]) -> Method:
+    """Return kind and origin of a shipped model or of a submission's."""
+    if name in cards:
+        card, code = cards[name]
+        return Method(card.kind, card.citation, code)
+    try:
+        info = model_info(split_word(name)[0])
+    except ConfigError:
+        return Method("other", None, "unknown")
+    module = str(info.target).partition(":")[0].replace(".", "/")
+    return Method(info.kind, info.citation, f"models/{module}.py")
+
+
+def dataset_title(task: ScoredTask) -> str:
+    """Return a data set's name as people say it, such as "KR 240, structure, wide"."""
+    params, robot = task.task.cell.dataset_params, task.data.robot.name
+    usual_values = {"specimen": 0, "seed": 0}
+    more = [
+        f"{key} {params[key]}"
+        for key, usual in usual_values.items()
+        if params.get(key, usual) != usual
+    ]
+    parts = [params.get("world"), params.get("plan"), *more]
+    if task.kind == "measured":
+        parts.append("measured")
+    return ", ".join([TITLES.get(robot, robot), *filter(None, parts)])
 
 
 def errors_frame(rows: DataFrame) -> DataFrame:

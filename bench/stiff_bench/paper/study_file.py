@@ -108,7 +108,7 @@ class Study:
     def lite_version(self) -> Study:
         """Return the short version: the first split of the first run on the data sets `lite`.
 
-        It has the models of every run that shares protocols, splits and seed with the first run.
+        It has the models of every run that shares protocols and seed with the first run.
 
         Raises:
             ConfigError: the study has no short version.
@@ -129,10 +129,12 @@ class Study:
     def with_models(self, models: Sequence[str]) -> Study:
         """Return the study with these models in place of its own models.
 
-        Settings of other models are omitted. No data set is divided twice in the same way.
+        Settings of other models are omitted. No data set is divided twice in the same way: of two
+        runs with the same protocols and seed, the one with more splits counts.
         """
         keys = {split_word(word)[0] for word in models}
         settings: dict[Hashable, Words] = {}  # of each data set and division
+        splits = dict[Hashable, int | None]()
         for run in self.run:
             words = (
                 word for word in run.settings if word.partition("=")[0].rpartition(".")[0] in keys
@@ -141,17 +143,23 @@ class Study:
             for dataset in self.datasets_of(run):
                 place = dataset, _division(run)
                 settings[place] = _once([*settings.get(place, ()), *of_run])
+                splits[place] = _more_splits(run.splits, splits.get(place, 0))
         runs: dict[Hashable, StudyRun] = {}
         for run in self.run:
             for dataset in self.datasets_of(run):
-                of_place = settings.pop((dataset, _division(run)), None)
+                place = dataset, _division(run)
+                of_place = settings.pop(place, None)
                 if of_place is None:  # already in an earlier run
                     continue
-                alike = _division(run), of_place
+                alike = _division(run), of_place, splits[place]
                 earlier = runs[alike].datasets if alike in runs else ()
                 datasets = (*earlier, dataset)
                 runs[alike] = replace(
-                    run, models=tuple(models), datasets=datasets, settings=of_place
+                    run,
+                    models=tuple(models),
+                    datasets=datasets,
+                    settings=of_place,
+                    splits=splits[place],
                 )
         return replace(self, run=tuple(runs.values()))
 
@@ -187,9 +195,14 @@ def _once(words: Iterable[str]) -> Words:
     return tuple(dict.fromkeys(words))
 
 
-def _division(run: StudyRun) -> tuple[Words, int | None, int]:
-    """Return the settings that divide a run's data sets into splits."""
-    return run.protocols, run.splits, run.seed
+def _division(run: StudyRun) -> tuple[Words, int]:
+    """Return the settings that divide a run's data sets into splits, without their number."""
+    return run.protocols, run.seed
+
+
+def _more_splits(first: int | None, second: int | None) -> int | None:
+    """Return the larger number of splits; None, the protocol's own, counts as larger."""
+    return None if None in (first, second) else max(first or 0, second or 0)
 
 
 def shipped_folder() -> Path:

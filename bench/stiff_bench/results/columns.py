@@ -50,6 +50,46 @@ INTERVAL = f"{percent(1.0 - LEVEL)} interval"
 EQUAL_TEXT = percent(math.exp(MARGIN) - 1.0)
 VERDICT_TEXTS = {"a": "better", "b": "worse", "equivalent": "same", "open": "open", None: ""}
 BEST, LIKE_BEST = "*", "≈"
+UNSEEN = "unseen"
+"""World of fresh robots only, whose effects no model has a group for."""
+
+
+WORDS = {
+    "VJM": "virtual joint model: one linear spring per joint, fitted by least squares",
+    "rank": "place in the order of the ratios; 1 is the smallest",
+    "kind": "what a model is made of",
+    "physics": "springs and other parts of a robot, with parameters that a fit identifies",
+    "Gaussian process": "a distribution of functions, which also gives intervals",
+    "network": "a neural network that learns from measured samples only",
+    "hybrid": "physics and a learned part: a network or a Gaussian process",
+    "method": "authors and year of the paper or report that defines the method",
+    "error / VJM's": "mean 3-D error at test poses, divided by the VJM's on the same split; "
+    "geometric mean over robots. Below 1: better than the VJM",
+    INTERVAL: "where the mean over all robots of the generator lies with 95 % confidence",
+    "truth": "deflection of the simulated robot itself, without noise",
+    "readings": "what the simulated tracker shows, with its noise",
+    "95th percentile": "error that 95 % of the test poses do not exceed",
+    "tool paths": "error left after a correction by the model, on 36 tool paths of each robot",
+    "clean": "world with elastic gears and tilting bearings only",
+    "friction": "world in which gears have friction, too",
+    "structure": "world in which links and base bend, bearings have play and wrists are coupled",
+    "workshop": "world with the errors of a workshop: force point, sensor, tracker, masses, drift",
+    "all": "world with the effects of friction, structure and workshop at once",
+    UNSEEN: "world of fresh robots, whose effects no model has a group for",
+    "named robots": "the 12 robots of this board, which authors of models know",
+    "fresh robots": "12 robots that a generator drew after the model was written or sent",
+    "fresh / named": "error over the best other model's on fresh robots, over the same on named "
+    "ones; about 1: the model is not better on the robots that its authors know",
+    "verdict": "against the VJM: better, worse or open",
+    "better": "less error than the VJM, significant over robots (sign flips, Holm)",
+    "worse": "more error than the VJM, significant over robots (sign flips, Holm)",
+    "open": "the robots do not show whether the model or the VJM is better",
+    "worst robot": "robot with the largest ratio",
+    "won": "number of robots on which the model has the smallest error; a tie counts for no model",
+    "fit": "median time of one fit",
+    "date": "day of the newest fit",
+}
+"""Words of a board, and what they mean."""
 
 
 def number_format(metric: Metric) -> str:
@@ -169,7 +209,7 @@ def board_tables(
         f"{INTERVAL} over robots (Student's t of the logarithms); one vote per robot.",
         "verdict against the VJM: significant over robots (sign flips, Holm), or open; won: "
         "robots with the smallest error, a tie counts for no model.",
-        *([MEASURED_NOTE] if _names(table, "measured verdict") else []),
+        *([MEASURED_NOTE] if names_of_kind(table, "measured verdict") else []),
         *notes,
     ]
     title = f"Error over the VJM's, geometric mean over {scores.scope}"
@@ -200,7 +240,7 @@ def _world_tables(table: DataFrame, rows: Sequence[Row]) -> Iterator[Table]:
         key, ends = ("world", name), (("world low", name), ("world high", name))
         return ratio_column(name, key, ends, color=key)
 
-    if names := _names(table, "world"):
+    if names := names_of_kind(table, "world"):
         floors = {name: number(rows[0], ("oracle", name)) for name in names}
         oracle = ", ".join(f"{name} {floor:.2f}" for name, floor in floors.items() if floor)
         yield Table.of(
@@ -222,7 +262,7 @@ def _coverage_table(table: DataFrame, rows: Sequence[Row]) -> Iterator[Table]:
     def of_name(name: str) -> Column:
         return Column(name, format=".0f", value=lambda row: number(row, ("coverage", name), 100.0))
 
-    names = _names(table, "coverage")
+    names = names_of_kind(table, "coverage")
     if with_intervals := [row for row in rows if any(number(row, ("coverage", n)) for n in names)]:
         yield Table.of(
             "Readings inside the models' own intervals [%], mean over robots",
@@ -233,7 +273,7 @@ def _coverage_table(table: DataFrame, rows: Sequence[Row]) -> Iterator[Table]:
         )
 
 
-def _names(table: DataFrame, kind: str) -> list[str]:
+def names_of_kind(table: DataFrame, kind: str) -> list[str]:
     """Return the names of a kind of columns of a `model_frame`, such as measured data sets."""
     return [key[1] for key in table if isinstance(key, tuple) and key[0] == kind]
 
@@ -247,7 +287,7 @@ def model_table(scores: Scores, table: DataFrame, title: str, notes: Sequence[st
     rows = table.to_dict("records")
     if "won" in table:
         columns = [RATIO_INTERVAL, VERDICT, WON, WORST]
-        for name in _names(table, "measured"):
+        for name in names_of_kind(table, "measured"):
             key, verdict = ("measured", name), ("measured verdict", name)
             heading = f"{name} (measured)"
             columns.append(ratio_column(heading, key, verdict=verdict, color=key))
@@ -268,7 +308,7 @@ def _further_table(table: DataFrame, rows: Sequence[Row]) -> Table:
     single |= {name: name for name in ("readings", "noise", "without clean")}
     keys: dict[Any, str] = {
         **{key: name for key, name in single.items() if any(number(row, key) for row in rows)},
-        **{("few", name): name for name in _names(table, "few")},
+        **{("few", name): name for name in names_of_kind(table, "few")},
     }
     notes = {
         f"All numbers{' except noise' * ('noise' in keys)} are over the VJM's.": len(keys) > 1,

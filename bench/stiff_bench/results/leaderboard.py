@@ -8,9 +8,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stiff_bench.results.columns import board_tables, dataset_table
+from stiff_bench.results.fresh_robots import (
+    fresh_frame,
+    fresh_tables,
+    ratio_frame,
+    read_entries,
+)
 from stiff_bench.results.load import StoredResults, Task, newest_tasks
 from stiff_bench.results.notes import (
     SELECTION_MARK,
@@ -20,8 +26,8 @@ from stiff_bench.results.notes import (
     same_name_other_data,
     sources,
 )
-from stiff_bench.results.scored_task import SortKey, sort_key
-from stiff_bench.results.scores import Scores, model_frame
+from stiff_bench.results.scored_task import TRUE, SortKey, sort_key
+from stiff_bench.results.scores import Scores, model_frame, robot_logs
 from stiff_bench.results.selection import EVERYTHING, BoardSettings, Selection
 from stiff_bench.results.summary import (
     Summary,
@@ -30,6 +36,7 @@ from stiff_bench.results.summary import (
     split_notes,
     summarize,
 )
+from stiff_bench.store.database import has_results
 from stiff_bench.store.names import grouped, labels, without_options
 from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import first_few
@@ -255,7 +262,44 @@ class StudyLeaderboard:
         board, *tables = plan_tables(self.scores, plan, self.frame, controls)
         measured = [*chain.from_iterable(self.readings.measured.values())]
         tables += dataset_tables(self.readings.over(measured), has_verdicts=False)
+        tables += fresh_tables(self.fresh) if self.fresh is not None else []
         return [board, *tables, *self._variant_tables(), *self._extra_tables()]
+
+    @cached_property
+    def fresh(self) -> DataFrame | None:
+        """Return the `fresh_frame` of the main models; None without results on fresh robots."""
+        results = self.stored.folder.parent
+        folder = results.parent / self.settings.fresh / "runs"
+        if not (self.settings.fresh and has_results(folder)):
+            return None
+        stored = StoredResults.read(folder)
+        scores = Scores.of(stored, sort_key(self.settings.metric), stored.tasks)
+        return fresh_frame(self.scores, scores, read_entries(results))
+
+    @cached_property
+    def metrics(self) -> dict[str, DataFrame]:
+        """Return ratios to the VJM's number by metric: overall ("") and by world.
+
+        Each has a `ratio_frame` of the main models, in the order of the overall ratio.
+        """
+        first = "truth" if self.scores.key == TRUE else self.scores.key.text
+        sources = {
+            first: (self.scores, "error ratio"),
+            "readings": (self.scores, "readings ratio"),
+            "95th percentile": (self.scores, "p95 ratio"),
+            "tool paths": (self.scores, "path ratio"),
+            **{name: (scores, "error ratio") for name, scores in self.few.items()},
+        }
+        frames = {name: self._ratios(of.rows, value) for name, (of, value) in sources.items()}
+        return {name: frame for name, frame in frames.items() if not frame.empty}
+
+    def _ratios(self, rows: DataFrame, value: str) -> DataFrame:
+        worlds = rows["world"].dropna().unique()
+        parts = {"": rows, **{world: rows[rows["world"] == world] for world in worlds}}
+        frame = ratio_frame({name: robot_logs(of, value) for name, of in parts.items()})
+        frame = frame[frame.index.isin(self.board_frame["model"])]
+        overall: Any = [("", "ratio")]
+        return frame.dropna(subset=overall).sort_values(overall, kind="stable")
 
     def _variant_tables(self) -> Iterator[Table]:
         """Yield the tables of variants and their controls; variants that ran alike share them."""

@@ -30,6 +30,7 @@ class BoardSettings:
         controls: model -> the physics, teacher or variant that it is compared with.
         extras: models that need more packages, in a separate table.
         variants: models in a separate table, over the data on which they ran.
+        fresh: name of the study of fresh robots, in a folder next to this one; "" for none.
     """
 
     protocol: str
@@ -38,6 +39,7 @@ class BoardSettings:
     controls: Mapping[str, str] = field(default_factory=dict)
     extras: tuple[str, ...] = ()
     variants: tuple[str, ...] = ()
+    fresh: str = ""
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import read_toml
+from stiff_protocols.contract.plugin import Citation, ModelKind
 
 Text = Annotated[str, Field(min_length=1, max_length=2000)]
 Line = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\n]*$")]
@@ -38,7 +39,7 @@ class Card(BaseModel):
     name: Line
     model: Line
     plugin: Annotated[str, Field(pattern=r"^[A-Za-z]\w*\.py$")]
-    kind: Literal["physics", "Gaussian process", "network", "hybrid", "other"]
+    kind: ModelKind
     authors: Annotated[list[Line], Field(min_length=1)]
     year: Annotated[int, Field(ge=1950, le=2100)]
     contact: Annotated[str, Field(max_length=200)] = ""
@@ -54,6 +55,11 @@ class Card(BaseModel):
         if not (self.contact or self.url):
             raise ValueError("give contact or url")
         return self
+
+    @property
+    def citation(self) -> Citation:
+        """Return what to cite: the method by its name."""
+        return Citation(authors=self.authors, year=self.year, title=self.name, url=self.url)
 
 
 def read_card(path: Path) -> Card:

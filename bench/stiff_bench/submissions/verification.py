@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import secrets
 import tempfile
 from collections.abc import Collection, Generator, Iterable
@@ -19,9 +18,17 @@ import numpy as np
 from stiff_bench.paper.study_file import Study, StudyRun
 from stiff_bench.plan.cells import CellTask, cell_tasks, installed
 from stiff_bench.plan.registry import Registry, build_registry
+from stiff_bench.results.fresh_robots import (
+    COMMON_WORLDS,
+    SIDES,
+    fresh_over_named,
+    logs_in_worlds,
+    rank_agreement,
+    ratio_frame,
+)
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.scored_task import sort_key
-from stiff_bench.results.scores import Scores, robot_logs
+from stiff_bench.results.scores import Scores
 from stiff_bench.run.cell import Execution, fit_input, score
 from stiff_bench.run.machine import environment
 from stiff_bench.run.progress import Display
@@ -35,7 +42,7 @@ from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError, ModelError
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import Cell, CellResult
-from stiff_protocols.scoring.over_robots import MeanRatio, mean_ratio
+from stiff_protocols.scoring.over_robots import MeanRatio
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -43,8 +50,6 @@ if TYPE_CHECKING:
 METRIC = "true-norm"
 FRESH_ROBOTS, FRESH_ROBOTS_LITE = 12, 4
 WORLDS, WORLDS_LITE = ("friction", "structure", "all", "unseen"), ("all", "unseen")
-COMMON_WORLDS = ("friction", "structure", "all")
-"""Worlds of the board's robots, too."""
 RIVALS_LITE = (REFERENCE_MODEL, "vjm-full", "curve-springs")
 RIVALS = (*RIVALS_LITE, "bayes-springs")
 """Models that the submission's is compared with."""
@@ -99,56 +104,34 @@ class Verification:
     fresh: Scores
 
     @cached_property
-    def frame(self) -> DataFrame:
-        """Return a row per model, best first: ratios to the VJM's error.
-
-        Columns: `model`, and (side or world, `ratio`, `low` or `high`).
-        """
-        from pandas import DataFrame
-
-        sides: dict[str, tuple[Scores, str]] = {
-            "named": (self.named, ""),
-            "fresh": (self.fresh, ""),
+    def _logs(self) -> dict[str, DataFrame]:
+        """Return (robots, models) logarithms on named and fresh robots, and in each world."""
+        return {
+            **{side: self._logs_of(side, None) for side in SIDES},
+            **{world: self._logs_of("fresh", (world,)) for world in WORLDS},
         }
-        sides |= {world: (self.fresh, world) for world in WORLDS}
-        columns: dict[Any, list[Any]] = {"model": [*self.fresh.models]}
-        for name, (scores, world) in sides.items():
-            logs = _logs(scores, (world,) if world else (*scores.rows["world"].unique(),))
-            for model in self.fresh.models:
-                mean = mean_ratio(logs[model]) if model in logs and len(logs) > 1 else NO_RATIO
-                for key in ("ratio", "low", "high"):
-                    columns.setdefault((name, key), []).append(getattr(mean, key))
-        best_first: Any = [("fresh", "ratio")]
-        return DataFrame(columns).sort_values(best_first, ignore_index=True)
+
+    def _logs_of(self, side: str, worlds: Collection[str] | None) -> DataFrame:
+        scores = self.named if side == "named" else self.fresh
+        return logs_in_worlds(scores, worlds or {*scores.rows["world"]})
 
     @cached_property
-    def rank_agreement(self) -> float:
-        """Kendall's tau between the models' scores on named and on fresh robots."""
-        from scipy.stats import kendalltau
-
-        ratios = (self.frame[side, "ratio"] for side in SIDES)
-        return float(kendalltau(*ratios).statistic)
+    def frame(self) -> DataFrame:
+        """Return the `ratio_frame` of named robots, fresh robots and worlds, best first."""
+        frame = ratio_frame(self._logs)
+        best_first: Any = [("fresh", "ratio")]
+        return frame.sort_values(best_first).rename_axis("model").reset_index()
 
     @cached_property
     def fresh_over_named(self) -> MeanRatio:
-        """Error over the best spring model's on fresh robots, over the same on named ones.
-
-        Worlds that both have; the interval is Welch's.
-        """
-        return _two_sample_ratio(
-            *(self._against_rival(scores) for scores in (self.fresh, self.named))
-        )
+        """Return `fresh_over_named` of the model, in the worlds that both have."""
+        common = (self._logs_of(side, COMMON_WORLDS) for side in SIDES)
+        return fresh_over_named(self.model, *common)
 
     @property
     def is_better_on_named(self) -> bool:
         """True if the model loses on fresh robots, beyond the interval."""
         return self.fresh_over_named.low > 1.0
-
-    def _against_rival(self, scores: Scores) -> np.ndarray[Any, Any]:
-        """Return (n_robots,) ln of the error over the best rival's, in the common worlds."""
-        logs = _logs(scores, COMMON_WORLDS)
-        rivals = logs.drop(columns=[self.model]).mean()
-        return (logs[self.model] - logs[rivals.idxmin()]).dropna().to_numpy()
 
     def table(self) -> Table:
         """Return the table of named and fresh robots."""
@@ -167,7 +150,7 @@ class Verification:
             "with its 95 % interval; then the worlds of the fresh robots",
             f"fresh robots: {self.draw.n_robots}, drawn by the nonce {self.draw.nonce} after the "
             "submission was sent",
-            f"Kendall's rank agreement of named and fresh: {self.rank_agreement:.2f}",
+            f"Kendall's rank agreement of named and fresh: {rank_agreement(self.frame):.2f}",
             f"error against the best spring model, fresh over named: {change.ratio:.2f} "
             f"({change.low:.2f} to {change.high:.2f})",
         ]
@@ -189,34 +172,8 @@ class Verification:
             "fresh": [of_model["fresh", key] for key in ("ratio", "low", "high")],
             "worlds": {world: of_model[world, "ratio"] for world in WORLDS},
             "fresh_over_named": [change.ratio, change.low, change.high],
-            "rank_agreement": self.rank_agreement,
+            "rank_agreement": rank_agreement(self.frame),
         }
-
-
-SIDES = ("named", "fresh")
-SMALLEST_RATIO = 1e-6
-"""Of an error over the VJM's: no model has none, unless it knows the truth."""
-NO_RATIO = MeanRatio(math.nan, math.nan, math.nan, 0)
-
-
-def _logs(scores: Scores, worlds: Collection[str]) -> DataFrame:
-    """Return (robots, models) mean logarithms of the error over the VJM's in some worlds."""
-    rows = scores.rows[scores.rows["world"].isin(worlds)]
-    ratios = rows["error ratio"].where(rows["error"] > 0.0, SMALLEST_RATIO)
-    rows = rows.assign(**{"error ratio": ratios.clip(lower=SMALLEST_RATIO)})
-    return robot_logs(rows, "error ratio", partial=True)
-
-
-def _two_sample_ratio(first: np.ndarray[Any, Any], second: np.ndarray[Any, Any]) -> MeanRatio:
-    """Return exp of the difference of two means, with Welch's 95 % interval."""
-    from scipy import stats
-
-    if len(second) < 2:  # the short version has few named robots
-        return mean_ratio(first - second.mean())
-    interval = stats.ttest_ind(first, second, equal_var=False).confidence_interval(0.95)
-    change = float(first.mean() - second.mean())
-    bounds = math.exp(interval.low), math.exp(interval.high)
-    return MeanRatio(math.exp(change), *bounds, len(first))
 
 
 def _text(row: dict[Any, Any], side: str) -> str:

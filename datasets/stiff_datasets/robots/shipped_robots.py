@@ -20,6 +20,14 @@ if TYPE_CHECKING:
     from stiff_datasets.robots.urdf_reader import ChainModel
 
 DEFAULT_ROBOT = "kr10-r1100-2"
+TITLES = {
+    **{"fanuc_r2000ic": "FANUC R-2000iC", "kr10_r1100_2": "KR 10", "ur5": "UR5"},
+    **{"irb120_3_06": "IRB 120", "tx60": "TX60", "lr_mate_200id": "LR Mate 200iD"},
+    **{"gp12": "GP12", "kr16_r1610_2": "KR 16", "m20ib_25": "M-20iB/25"},
+    **{"irb4600_40_255": "IRB 4600", "kr70_r2100": "KR 70", "gp180": "GP180"},
+    "kr240_r2900_2": "KR 240",
+}
+"""Names of shipped robots as people say them, by the name in the URDF file."""
 
 
 @dataclass(frozen=True)

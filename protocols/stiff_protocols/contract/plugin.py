@@ -6,9 +6,10 @@ The target is "module:Class", imported only when the entry is used, or the class
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, get_args
 
 from stiff_protocols.contract.errors import ConfigError
 
@@ -87,11 +88,50 @@ def _imported(key: str, target: str) -> Any:
         ) from error
 
 
+ModelKind = Literal["physics", "Gaussian process", "network", "hybrid", "other"]
+"""What a model is made of; hybrid: physics and a learned part."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Citation:
+    """The paper, report or software that defines a method.
+
+    Attributes:
+        authors: full names, family name last; empty: unknown.
+        year: of publication.
+        title: title.
+        url: address, such as https://doi.org/...; "" for none.
+    """
+
+    authors: Sequence[str] = ()
+    year: int
+    title: str
+    url: str = ""
+
+    @property
+    def text(self) -> str:
+        """Return authors and year, such as "Wu et al., 2024"; without authors the title."""
+        families = [name if name[0].islower() else name.split()[-1] for name in self.authors]
+        if len(families) > 2:
+            families = [f"{families[0]} et al."]
+        return f"{' and '.join(families) or self.title}, {self.year}"
+
+    def bibtex(self, key: str) -> str:
+        """Return the entry of a BibTeX file; signs with a meaning in TeX are left out."""
+        texts = {"author": " and ".join(self.authors), "title": self.title, "year": str(self.year)}
+        fields = {name: re.sub(r"[{}\\%$#&~^\s]+", " ", text) for name, text in texts.items()}
+        fields["url"] = re.sub(r"[{}\\\s]", "", self.url)
+        lines = [f"  {name} = {{{text.strip()}}}," for name, text in fields.items() if text]
+        return "\n".join([f"@misc{{{re.sub(r'[^A-Za-z0-9]+', '-', key)},", *lines, "}"])
+
+
 @dataclass(frozen=True, kw_only=True)
 class ModelInfo(PluginInfo):
     """A model family.
 
     Attributes:
+        kind: what the model is made of.
+        citation: paper or report that defines the method; None if there is none.
         uses_validation: the model needs rows that choose an epoch. If not, it gets a protocol's
             inner validation rows as training rows.
         quick: option values with which a fit takes seconds, for the conformance suite.
@@ -104,9 +144,12 @@ class ModelInfo(PluginInfo):
         equation: equation of the predicted deflection d, in plain text; "" for none.
 
     Raises:
-        ConfigError: `version` is not a positive integer, or `library` is not a text.
+        ConfigError: `version` is not a positive integer, `library` is not a text, or `kind` is
+            unknown.
     """
 
+    kind: ModelKind = "other"
+    citation: Citation | None = None
     uses_validation: bool = False
     quick: Mapping[str, Any] = field(default_factory=dict)
     grids: Mapping[str, Grid] = field(default_factory=dict)
@@ -124,6 +167,9 @@ class ModelInfo(PluginInfo):
                 f"{self.key!r}: library {self.library!r} is not a text (use the name of a "
                 "distribution, such as 'scikit-learn')"
             )
+        if self.kind not in get_args(ModelKind):
+            valid = ", ".join(get_args(ModelKind))
+            raise ConfigError(f"{self.key!r}: kind {self.kind!r} is not valid (use {valid})")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,6 +25,8 @@ from helpers.browser import (
 from helpers.made_results import TWINS, MadeResults
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.page import report
+from stiff_bench.page.page import Page, Section, html_page
+from stiff_bench.tables.table import Column, Table
 
 pytestmark = BROWSER_MARKS
 HACKS = (
@@ -63,13 +65,11 @@ def opened(tmp_path_factory):
 @pytest.fixture()
 def browser(opened, page):
     """Open the page on a desktop, with all tables sortable."""
-    from selenium.webdriver.support.wait import WebDriverWait
-
     set_width(opened, *DESKTOP)
     open_again(opened, page)
-    n_tables = len(opened.find_elements("css selector", "table.sorted"))
-    wait = WebDriverWait(opened, 20)
-    wait.until(lambda b: len(b.find_elements("css selector", "table.dataTable")) == n_tables > 2)
+    n_tables = len(shown_tables(opened))
+    assert n_tables > 2
+    wait_for_tables(opened, n_tables)
     return opened
 
 
@@ -129,3 +129,53 @@ def test_the_console_stays_silent_and_only_the_page_is_loaded(browser):
         "return performance.getEntriesByType('resource').map((entry) => entry.name)"
     )
     assert [name for name in resource_names if not name.startswith("data:")] == []
+
+
+@pytest.fixture(scope="module")
+def choices(tmp_path_factory) -> Path:
+    """Write a page with two tables, of which it shows one."""
+    columns = [Column("rank"), Column("model", "text"), Column("error", format=".2f")]
+    tables = [
+        (name, Table(f"By {name}", columns, [[1, first, 0.1], [2, second, 0.2]]))
+        for name, first, second in (("truth", "vjm", "mlp"), ("readings", "mlp", "vjm"))
+    ]
+    section = Section("Models", choices=tables)
+    page = Page(
+        "A board", [section], "bench", {"mlp": "https://example.org"}, words={"rank": "place"}
+    )
+    file = tmp_path_factory.mktemp("choices") / "index.html"
+    file.write_text(html_page(page), encoding="utf-8")
+    return file
+
+
+def test_the_page_shows_the_table_of_the_chosen_metric_and_its_search_filters_it(opened, choices):
+    set_width(opened, *DESKTOP)
+    open_again(opened, choices)
+    wait_for_tables(opened, 2)
+    assert [table.is_displayed() for table in shown_tables(opened)] == [True, False]
+    opened.find_elements("css selector", ".choice input")[1].click()
+    _, readings = shown_tables(opened)
+    assert [table.is_displayed() for table in shown_tables(opened)] == [False, True]
+    assert column(opened, readings, "model") == ["mlp", "vjm"]
+    opened.find_elements("css selector", "input[type=search]")[1].send_keys("vjm")
+    assert column(opened, readings, "model") == ["vjm"]
+
+
+@pytest.mark.parametrize("size", [PHONE, DESKTOP], ids=lambda size: f"{size[0]} px")
+def test_axe_finds_nothing_on_a_page_with_a_choice(opened, choices, size):
+    set_width(opened, *size)
+    open_again(opened, choices)
+    wait_for_tables(opened, 2)
+    assert axe_violations(opened, "light") == []
+    assert opened.find_element("css selector", "abbr").get_attribute("title") == "place"
+
+
+def shown_tables(browser):
+    return browser.find_elements("css selector", "table.sorted")
+
+
+def wait_for_tables(browser, number: int) -> None:
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    wait = WebDriverWait(browser, 20)
+    wait.until(lambda b: len(b.find_elements("css selector", "table.dataTable")) == number)

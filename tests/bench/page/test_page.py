@@ -71,6 +71,7 @@ def made_page(text: str) -> Page:
     content = {
         "texts": [(text, text)],
         "tables": [table],
+        "choices": [(text, table), (f"{text} again", table)],
         "figures": [Figure(text, text, PIXEL, text)],
         "notes": [text],
         "command": text,
@@ -79,7 +80,8 @@ def made_page(text: str) -> Page:
     links = [Link(text, "a.html")]
     first = Section(text, text, **content, links=links, sections=[folded, folded])
     addresses = {str(rows[0][0]): "b.html"}
-    return Page(text, [first, Section("other")], text, addresses, Link(text, "../index.html"))
+    up = Link(text, "../index.html")
+    return Page(text, [first, Section("other")], text, addresses, up, {text: text})
 
 
 @pytest.fixture(scope="module")

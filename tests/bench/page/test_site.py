@@ -10,7 +10,7 @@ from urllib.parse import unquote
 import pytest
 
 from stiff_bench.api.evaluation import reproduction
-from stiff_bench.page.site import INDEX, SCORES, file_stem
+from stiff_bench.page.site import CITATIONS, INDEX, SCORES, file_stem
 from stiff_protocols.contract.errors import ConfigError
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("site")]
@@ -30,7 +30,7 @@ extras = ["tabm"]
 "tilting, wide" = {list(DATASETS)}
 """
 HOW = {"jobs": 1, "isolate": False, "timeout": None, "memory": None, "threads": 1, "dask": ""}
-LINK = re.compile(r'<(?:a href|script src)="([^"#]+)"')
+LINK = re.compile(r'<(?:a href|script src)="(?!https?:)([^"#]+)"')
 RATIO = re.compile(r'</th><td[^>]*>[^<]*</td><td[^>]* data-order="([^"]*)"')
 
 
@@ -83,6 +83,29 @@ def test_the_numbers_to_download_are_those_of_the_board(site):
         rows = [row for row in csv.DictReader(file) if row["table"] == "board"]
     ratios = {row["model"]: row["value"] for row in rows if row["column"] == "error / VJM's"}
     assert set(ratios) == set(MODELS) and float(ratios["vjm"]) == pytest.approx(1.0)
+
+
+def test_each_metric_has_the_models_in_the_order_of_its_ratios(site):
+    text = (site / INDEX).read_text("utf-8")
+    choices = re.findall(r'<div id="[^"]*choice-\d+">(.*?)</table>', text, re.S)
+    assert len(choices) >= 3  # readings, 95th percentile, tool paths
+    for choice in choices:
+        ranks = re.findall(r'<td class="number" data-order="(\d+)">\d+</td><th', choice)
+        ratios = re.findall(r"</th>.*?<td class=\"number\" data-order=\"([^\"]*)\"", choice)
+        assert [*map(int, ranks)] == [*range(1, len(MODELS) + 1)]
+        assert [*map(float, ratios)] == sorted(map(float, ratios))
+
+
+def test_a_model_s_page_has_its_kind_its_paper_and_a_bibtex_entry(site):
+    text = (site / "models" / "vjm-full.html").read_text("utf-8")
+    assert "physics" in text and "@misc{vjm-full," in text
+    entries = (site / CITATIONS).read_text("utf-8")
+    assert {"@misc{vjm,", "@misc{vjm-full,"} <= set(entries.splitlines())
+
+
+def test_data_sets_have_the_names_that_people_use(site):
+    text = (site / INDEX).read_text("utf-8")
+    assert all(f">{name}</a>" in text for name in ("TX60, all, wide", "KR 10, clean, wide"))
 
 
 def test_a_study_without_results_on_five_robots_has_no_pages(study, site):

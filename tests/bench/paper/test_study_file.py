@@ -153,8 +153,8 @@ def test_the_short_leaderboard_is_one_split_of_four_robots_with_every_model_of_t
     divided_alike = [
         part for part in study.run if (part.protocols, part.seed) == (run.protocols, run.seed)
     ]
-    models = [word for part in divided_alike if part.splits == 1 for word in part.models]
-    assert sorted(run.models) == sorted(models)
+    assert {*run.models} == {word for part in divided_alike for word in part.models}
+    assert len({*run.models}) == len(run.models)
     assert run.settings == () and run.protocols == study.run[0].protocols
 
 
@@ -176,5 +176,7 @@ def test_another_model_takes_part_in_every_division_once_with_its_own_settings(t
         for dataset in run.datasets
     ]
     assert len(set(divisions)) == len(divisions) == 3 * 72 + 1
+    numbers = {number for _, protocols, number, _ in divisions if "holdout-paths" in protocols}
+    assert numbers == {2, 15}  # of simulated robots, and of the FANUC
     assert {run.models for run in study.run} == {("vjm", "ft-mlp")}
     assert {word for run in study.run for word in run.settings} == set()
