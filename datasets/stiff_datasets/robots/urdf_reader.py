@@ -1,4 +1,4 @@
-"""Read a URDF into a `Robot` with Pinocchio.
+"""Read a URDF into a `Robot` with Pinocchio, which no other module of stiffbench imports.
 
 A description may be a tree: grippers, hands, heads, wheels, second arms. The robot is the chain
 from the base to one link, the tip. All other joints are locked, and the links behind them are
@@ -215,6 +215,16 @@ def read_robot(urdf: Path, **options: Any) -> Robot:
     return read_chain(urdf, **options).robot
 
 
+def rotation_of(vector: FloatArray) -> FloatArray:
+    """Return the (3, 3) rotation of a (3,) rotation vector, rad."""
+    return np.asarray(pin.exp3(vector))
+
+
+def roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
+    """Return the (3,) angles of a (3, 3) rotation as in a URDF, rad."""
+    return np.asarray(pin.rpy.matrixToRpy(rotation))
+
+
 def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray, rules: Mapping[str, Mimic]) -> Robot:
     """Return a chain without Pinocchio; `tcp` (3,) m in the frame of the flange.
 
@@ -429,8 +439,8 @@ def _controller(element: ElementTree.Element | None, urdf: Path) -> Controller |
         owner = element.find(name)
         if owner is None:
             return np.eye(4)
-        roll_pitch_yaw = pin.rpy.rpyToMatrix(numbers(owner, "rpy", 3))
-        return np.asarray(pin.SE3(roll_pitch_yaw, numbers(owner, "xyz", 3)).homogeneous)
+        rotation = pin.rpy.rpyToMatrix(numbers(owner, "rpy", 3))
+        return np.asarray(pin.SE3(rotation, numbers(owner, "xyz", 3)).homogeneous)
 
     from_ground = element.get("j3_from_ground", "false")
     if from_ground not in ("true", "false"):

@@ -7,9 +7,9 @@ from html import escape
 from importlib.resources import files
 
 import numpy as np
-import pinocchio as pin
 
 from stiff_datasets.robots.shipped_robots import ShippedRobot
+from stiff_datasets.robots.urdf_reader import roll_pitch_yaw
 from stiff_protocols.contract.types import FloatArray, Robot
 
 MAX_SLIDE_M = 1e6
@@ -79,7 +79,7 @@ def _inertial(mass: float, centre: Iterable[float]) -> str:
 
 
 def _origin(placement: FloatArray) -> str:
-    angles = pin.rpy.matrixToRpy(placement[:3, :3])
+    angles = roll_pitch_yaw(placement[:3, :3])
     return f'<origin xyz="{_numbers(placement[:3, 3])}" rpy="{_numbers(angles)}"/>'
 
 

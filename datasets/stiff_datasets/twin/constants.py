@@ -274,6 +274,14 @@ class TwinConstants(TomlTable):
     _path: Path = PrivateAttr(default=Path())
     _robot: Robot | None = PrivateAttr(default=None)
 
+    @classmethod
+    def of_robot(cls, robot: Robot, **tables: Any) -> TwinConstants:
+        """Return the constants of a robot that no file describes; `tables` are the others."""
+        tables["tcp_m"] = tuple(robot.tcp_on_flange.tolist())
+        constants = cls(name=robot.name, urdf=f"{robot.name}.urdf", **tables)
+        constants._robot = robot
+        return constants
+
     @property
     def gear_kinds(self) -> tuple[GearKind | Literal["slide"], ...]:
         """Kind of every joint's gear."""

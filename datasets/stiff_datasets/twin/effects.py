@@ -15,10 +15,10 @@ from itertools import pairwise
 from typing import Literal, Self
 
 import numpy as np
-import pinocchio as pin
 
 from stiff_datasets.planning.loads import omni_forces, stream
 from stiff_datasets.planning.reachable import reachable_poses
+from stiff_datasets.robots.urdf_reader import rotation_of
 from stiff_datasets.twin.constants import ARCMIN, SLIDE, Noise, TwinConstants, specimen_law
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
@@ -513,7 +513,7 @@ class TrackerFrame(Effect):
 
     @classmethod
     def _of(cls, constants: TwinConstants, rng: np.random.Generator) -> Self:
-        return cls(pin.exp3(np.deg2rad(rng.uniform(*FRAME_ERROR_DEG)) * direction(rng)))
+        return cls(rotation_of(np.deg2rad(rng.uniform(*FRAME_ERROR_DEG)) * direction(rng)))
 
     def tracked(self, deflection: FloatArray) -> FloatArray:
         """Turn the deflection."""

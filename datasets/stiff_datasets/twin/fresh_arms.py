@@ -66,18 +66,14 @@ def fresh_arm(seed: int) -> TwinConstants:
     modulus, poisson = CAST_IRON if is_heavy else ALUMINIUM
     heights = reach * np.array(TUBES) * np.exp(0.1 * rng.normal(size=len(TUBES)))
     tubes = tuple(Tube(outer_m=height, wall_m=WALLS[is_heavy] * height) for height in heights)
-    constants = TwinConstants(
-        name=robot.name,
-        urdf=f"{robot.name}.urdf",
-        tcp_m=tuple(robot.tcp_on_flange.tolist()),
+    return TwinConstants.of_robot(
+        robot,
         payload_kg=payload,
         hook_m=tuple(hook.tolist()),
         clearance_m=CLEARANCE * reach,
         joint=tuple(joints),
         beams=BeamsTable(modulus_Pa=modulus, poisson=poisson, segment=tubes),
     )
-    constants._robot = robot
-    return constants
 
 
 def _robot(seed: int, payload: float, reach: float, rng: np.random.Generator) -> Robot:
