@@ -7,18 +7,20 @@ predictions from there, never a metric.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Generator, Iterable, Mapping, Set
+from collections.abc import Callable, Generator, Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.options import Choice
 from stiff_bench.run.fit import FitOutcome, Fitted, attempted, fit_and_predict, unrepeated
 from stiff_bench.run.progress import Display
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.evaluation import FitInput
+from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import PATH_ERROR, CellResult
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.sanity import check_prediction
@@ -60,16 +62,24 @@ class Execution:
         """
         for task in tasks:
             display.start(task)
-            yield compute_cell(task, run_id)
+            yield compute_cell(task, run_id, self.fit)
+
+    def fit(self, model: Choice[ModelInfo], given: FitInput) -> FitOutcome:
+        """Return the outcome of a fit."""
+        return fit_and_predict(model, given)
 
 
-def compute_cell(task: CellTask, run_id: str) -> CellResult:
+def compute_cell(
+    task: CellTask,
+    run_id: str,
+    fit: Callable[[Choice[ModelInfo], FitInput], FitOutcome] = fit_and_predict,
+) -> CellResult:
     """Fit, predict and score one cell; an error of the model gives a failed result.
 
     A model that cannot be used on this machine gives a skipped result.
     """
     given = fit_input(task)
-    return score(task, given, run_id, fit_and_predict(task.model, given))
+    return score(task, given, run_id, fit(task.model, given))
 
 
 def fit_input(task: CellTask) -> FitInput:

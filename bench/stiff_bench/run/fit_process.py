@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -161,11 +161,24 @@ def kill(processes: Iterable[psutil.Process]) -> None:
             process.kill()
 
 
-def resident_bytes(process: psutil.Process) -> int:
-    """Return the resident memory of a process; 0 if it has ended."""
+def family(pid: int) -> list[psutil.Process]:
+    """Return a process with all that it started; none if it has ended."""
     with suppress(psutil.Error):
-        return int(process.memory_info().rss)
-    return 0
+        process = psutil.Process(pid)
+        return [process, *process.children(recursive=True)]
+    return []
+
+
+def bytes_beyond(limits: Limits, processes: Sequence[psutil.Process]) -> int:
+    """Return the resident memory of processes if it is beyond its limit, and kill them; else 0."""
+    taken = 0
+    for process in processes if limits.memory_bytes is not None else ():
+        with suppress(psutil.Error):  # it has ended
+            taken += int(process.memory_info().rss)
+    if taken <= (limits.memory_bytes or 0):
+        return 0
+    kill(processes)
+    return taken
 
 
 def folder_prefix(run: int) -> str:

@@ -35,10 +35,11 @@ from stiff_bench.run.fit_process import (
     SERVER,
     Limits,
     Work,
+    bytes_beyond,
     compute_fit,
+    family,
     folder_prefix,
     kill,
-    resident_bytes,
 )
 from stiff_bench.run.progress import Display
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
@@ -153,20 +154,15 @@ class RunningFit:
             if (self._folder / LOG).stat().st_size > LARGEST_LOG:
                 os.truncate(self._folder / LOG, 0)
         try:
-            process = psutil.Process(int((self._folder / PID).read_text()))
-            alive = [process, *process.children(recursive=True)]
+            alive = family(int((self._folder / PID).read_text()))
         except (OSError, ValueError):
             return False  # it has not started
-        except psutil.Error:
+        if not alive:
             kill(self._family)  # a pipe stays open while a child of the process holds it
             return now - self._there > SECONDS_TO_HEAR
         self._there = now
         self._family.update(alive)
-        if self._limits.memory_bytes is not None:
-            taken = sum(map(resident_bytes, alive))
-            if taken > self._limits.memory_bytes:
-                self._too_much = taken
-                kill(alive)
+        self._too_much = bytes_beyond(self._limits, alive) or self._too_much
         return False
 
     def _ended(self) -> FitOutcome:

@@ -21,21 +21,19 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import psutil
 from pydantic import BaseModel, ConfigDict, Field
 
 from stiff_bench.model_tools.plugins import model_checks
 from stiff_bench.plan.options import Choice, chosen
 from stiff_bench.plan.registry import KEY, registry, use_plugin
 from stiff_bench.run.fit import FitOutcome, Fitted, fit_and_predict
-from stiff_bench.run.fit_process import Limits, kill, resident_bytes
+from stiff_bench.run.fit_process import Limits, bytes_beyond, family, kill
 from stiff_bench.submissions.submission import Submission
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, describe_error
 from stiff_protocols.contract.evaluation import FitInput
@@ -166,7 +164,7 @@ class SealedModel:
             try:
                 failure = self._watched(process)
             finally:
-                kill(_family(process.pid))
+                kill(family(process.pid))
                 process.wait()
         if not failure and process.returncode:
             failure = f"its process ended with status {process.returncode}"
@@ -180,12 +178,11 @@ class SealedModel:
         while process.poll() is None:
             if limits.timeout_s is not None and time.monotonic() - start > limits.timeout_s:
                 return f"took longer than {limits.timeout_s:g} s"
-            family = _family(process.pid)
-            if len(family) > MOST_PROCESSES:
+            alive = family(process.pid)
+            if len(alive) > MOST_PROCESSES:
                 return f"started more than {MOST_PROCESSES} processes"
-            taken = sum(map(resident_bytes, family))
-            if limits.memory_bytes is not None and taken > limits.memory_bytes:
-                return f"took more than {limits.memory_bytes / 2**20:.0f} MiB of memory"
+            if bytes_beyond(limits, alive):
+                return f"took more than {(limits.memory_bytes or 0) / 2**20:.0f} MiB of memory"
             time.sleep(SECONDS_BETWEEN_LOOKS)
         return ""
 
@@ -240,13 +237,6 @@ def _lower_limits() -> None:
     """Limit the files of the process before any code of others runs."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_OUTPUT, LARGEST_OUTPUT))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-
-
-def _family(pid: int) -> list[psutil.Process]:
-    with suppress(psutil.Error):
-        process = psutil.Process(pid)
-        return [process, *process.children(recursive=True)]
-    return []
 
 
 def read_answer(file: Path) -> tuple[About, dict[str, Any]]:

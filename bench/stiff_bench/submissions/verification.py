@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import tempfile
-from collections.abc import Collection, Generator, Iterable
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property, partial
@@ -17,6 +17,7 @@ import numpy as np
 
 from stiff_bench.paper.study_file import Study, StudyRun
 from stiff_bench.plan.cells import CellTask, cell_tasks, installed
+from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.results.fresh_robots import (
     COMMON_WORLDS,
@@ -29,9 +30,9 @@ from stiff_bench.results.fresh_robots import (
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.results.scores import Scores
-from stiff_bench.run.cell import Execution, fit_input, score
+from stiff_bench.run.cell import Execution
+from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.machine import environment
-from stiff_bench.run.progress import Display
 from stiff_bench.run.runner import run_cells
 from stiff_bench.store.database import ResultStore, has_results, read_results
 from stiff_bench.submissions.sealed_fit import About, SealedModel
@@ -40,8 +41,9 @@ from stiff_bench.tables.units import counted
 from stiff_datasets.twin.fresh_arms import FreshArms
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError, ModelError
+from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.record import Cell, CellResult
+from stiff_protocols.contract.record import Cell
 from stiff_protocols.scoring.over_robots import MeanRatio
 
 if TYPE_CHECKING:
@@ -204,14 +206,9 @@ class SealedProcesses(Execution):
 
     model: SealedModel
 
-    def results(
-        self, tasks: Iterable[CellTask], run_id: str, display: Display
-    ) -> Generator[CellResult, None, None]:
-        """Yield the result of every cell as it ends."""
-        for task in tasks:
-            display.start(task)
-            given = fit_input(task)
-            yield score(task, given, run_id, self.model.fit(given))
+    def fit(self, model: Choice[ModelInfo], given: FitInput) -> FitOutcome:
+        """Return the outcome of a fit of the submission's model; `model` only stands for it."""
+        return self.model.fit(given)
 
 
 def verify(
