@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,10 +22,12 @@ from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks, plan_run
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import registry
 from stiff_bench.results.results import Results
-from stiff_bench.run.cell import Execution
+from stiff_bench.run.cell import REUSED_STATUSES, Execution
 from stiff_bench.run.machine import pinned, usable_cores
 from stiff_bench.run.runner import chosen_execution, run_cells
-from stiff_bench.store.database import RUNS, ResultStore, stored_statuses
+from stiff_bench.store.database import RUNS, ResultStore, mean_seconds, stored_statuses
+from stiff_bench.store.names import grouped
+from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import counted, first_few
 from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -56,13 +60,8 @@ class Run:
 
     def forecast(self) -> Tables:
         """Return the numbers of stored and missing fits per model, and the expected time."""
-        from stiff_bench.analysis.forecast import forecast
-
-        plan, execution = self.plans[0], self.execution
-        table, line = forecast(
-            self.tasks, plan.output, rerun=execution.rerun, jobs=execution.at_once
-        )
-        return Tables([table], plan.command, line)
+        table, line = forecast(self.tasks, self.plans[0].output, self.execution)
+        return Tables([table], self.plans[0].command, line)
 
     def board(self, results: Results) -> Tables | None:
         """Return tables to print instead of the results; None: print the results."""
@@ -138,6 +137,42 @@ class RunAgainst(Run):
         except ConfigError:
             return None
         return Tables(tables, self.plans[0].command)
+
+
+def forecast(tasks: Iterable[CellTask], output: Path, execution: Execution) -> tuple[Table, str]:
+    """Return a table with the numbers of fits by model and of all, and a line on all.
+
+    Nothing is computed or written; the results folder need not exist. Times are means of the
+    model's stored fits.
+    """
+    statuses, means = stored_statuses(output), mean_seconds(output)
+    reused, jobs = REUSED_STATUSES[execution.rerun], execution.at_once
+    rows: dict[str, tuple[int, int, float]] = {}  # numbers of fits and missing fits, seconds
+    for model, of_model in grouped(tasks, lambda task: task.presentation.model).items():
+        missing = sum(statuses.get(task.cell.key) not in reused for task in of_model)
+        seconds = missing * means.get(model, math.nan) if missing else 0.0
+        rows[model] = len(of_model), missing, seconds
+    n_all, n_missing, seconds = (sum(column) for column in zip(*rows.values(), strict=True))
+    unknown = Quantity(status="unknown")
+    entries: list[list[Entry]] = [
+        [model, n, n - missing, missing, unknown if math.isnan(time) else Quantity(time)]
+        for model, (n, missing, time) in [*rows.items(), ("all", (n_all, n_missing, seconds))]
+    ]
+    columns = [Column("model", "text"), *map(Column, ("fits", "cached", "to compute"))]
+    columns.append(Column("time", unit="s", format=lambda time: _clock(time.value or 0.0)))
+    if math.isnan(seconds):
+        n_unknown = sum(missing for _, missing, time in rows.values() if math.isnan(time))
+        about = f"time unknown: {counted(n_unknown, 'fit')} of models without a stored fit"
+    else:
+        about = f"about {_clock(seconds / jobs)} with {counted(jobs, 'job')}"
+    counts = f"{counted(n_all, 'fit')}, {n_all - n_missing} cached, {n_missing} to compute"
+    notes = ["time: h:min:s in sequence, from the mean of the model's stored fits"]
+    table = Table("Fits to compute", columns, entries, notes, about={"jobs": jobs})
+    return table, f"{counts}; {about}"
+
+
+def _clock(seconds: float) -> str:
+    return str(timedelta(seconds=round(seconds)))
 
 
 def prepare_run(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from stiff_bench.analysis.forecast import forecast
+from stiff_bench.api.evaluation import forecast
+from stiff_bench.run.cell import Execution
 from stiff_bench.store.database import ResultStore
 from stiff_protocols.contract.record import CellResult, Cost
 
@@ -24,7 +25,7 @@ def store(folder, tasks, fit_s=1.0, status="ok"):
 
 
 def test_without_stored_results_cells_are_counted_and_nothing_is_written(cells, tmp_path):
-    table, line = forecast(cells("zero", "vjm"), tmp_path / "new", rerun="missing", jobs=1)
+    table, line = forecast(cells("zero", "vjm"), tmp_path / "new", Execution())
     parts = [["zero", "3", "0", "3", "unknown"], ["vjm", "3", "0", "3", "unknown"]]
     assert table.texts() == [*parts, ["all", "6", "0", "6", "unknown"]]
     assert "6 to compute; time unknown: 6 fits" in line
@@ -35,7 +36,7 @@ def test_stored_cells_are_cached_and_their_mean_is_the_time_of_the_others(cells,
     zero, vjm = cells("zero"), cells("vjm")
     for tasks, fit_s in ((vjm[:1], 6.0), (vjm[1:2], 8.0), (zero, 100.0)):
         store(tmp_path, tasks, fit_s)
-    table, line = forecast([*zero, *vjm], tmp_path, rerun="missing", jobs=2)
+    table, line = forecast([*zero, *vjm], tmp_path, Execution(at_once=2))
     assert table.texts()[:2] == [
         ["zero", "3", "3", "0", "0:00:00"],
         ["vjm", "3", "2", "1", "0:00:08"],
@@ -57,5 +58,5 @@ def test_the_forecast_counts_as_cached_what_the_run_reuses(
     cells, tmp_path, rerun, status, n_cached
 ):
     store(tmp_path, cells("vjm"), status=status)
-    table, _ = forecast(cells("vjm"), tmp_path, rerun=rerun, jobs=1)
+    table, _ = forecast(cells("vjm"), tmp_path, Execution(rerun=rerun))
     assert table.texts()[-1][2] == str(n_cached)
