@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from stiff_apply.expected_error import expected_error
-from stiff_apply.programs.controller_poses import ProgramPoses, controller_of, program_poses
+from stiff_apply.programs.configurations import choose_joints
 from stiff_apply.programs.corrected_program import (
     Steps,
     correct_targets,
@@ -20,7 +20,7 @@ from stiff_apply.programs.corrected_program import (
     left_rows,
     shared_targets,
 )
-from stiff_apply.programs.joint_choice import choose_joints
+from stiff_apply.programs.frames import ProgramPoses, controller_of, program_poses
 from stiff_apply.programs.languages import read_program
 from stiff_apply.programs.load_lines import loads_by_line, write_loads_template
 from stiff_apply.programs.program import LeftMotion, RobotProgram, write_texts

@@ -16,7 +16,7 @@ from helpers.quick_models import quick_model, twin_data
 from helpers.robot_programs import DOCS, ROBOTS
 from helpers.run_requests import planned
 from helpers.shipped_descriptors import FOLDER
-from stiff_apply.programs.controller_poses import program_poses
+from stiff_apply.programs.frames import program_poses
 from stiff_apply.programs.languages import read_program
 from stiff_apply.tool_task import frame_matrix
 from stiff_bench.api.model import load_model

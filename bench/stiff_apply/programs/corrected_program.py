@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from stiff_apply.programs.controller_poses import (
+from stiff_apply.programs.configurations import configuration_numbers
+from stiff_apply.programs.flow import LAST, Flow, Setting, State
+from stiff_apply.programs.frames import (
     ProgramPoses,
     controller_of,
     lengths_in_base,
 )
-from stiff_apply.programs.flow import LAST, Flow, Setting, State
-from stiff_apply.programs.joint_choice import configuration_numbers
 from stiff_apply.programs.program import (
     Edit,
     RobotProgram,

@@ -119,7 +119,7 @@ class Language:
         decimals: least decimals of lengths and joint angles.
         read: reads the texts; names of other routines that do not change the state.
         to_rotations: (n, n_turns) numbers -> (n, 3, 3) rotations.
-        configurations: (n, 3) signs of shoulder, elbow and wrist (`arm_shape`) and (n, n_joints)
+        configurations: (n, 3) signs of shoulder, elbow and wrist (`arm_signs`) and (n, n_joints)
             controller's joint angles, rad -> (n, k) numbers of the configuration; None if targets
             have no configuration.
         matches: (written, low, high) -> true for numbers of a configuration that fit; `low` and
