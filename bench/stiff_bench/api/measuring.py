@@ -38,7 +38,7 @@ from stiff_datasets.twin.constants import (
 from stiff_datasets.twin.effects import World
 from stiff_datasets.twin.experiment import Approach
 from stiff_datasets.twin.fresh_arms import FRESH_ARM, fresh_arm
-from stiff_datasets.twin.twin_data import TwinData
+from stiff_datasets.twin.robot_twin import TwinData
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.files import check_new_file

@@ -13,8 +13,7 @@ from typing import Literal, NamedTuple
 
 from stiff_datasets.planning.poses import Poses, bent_wrist_poses, paper_poses
 from stiff_datasets.twin.constants import TwinConstants, shipped_constants
-from stiff_datasets.twin.robot_twin import POSES, MeasuringPlan, random_poses
-from stiff_datasets.twin.twin_data import TwinData
+from stiff_datasets.twin.robot_twin import POSES, MeasuringPlan, TwinData, random_poses
 from stiff_protocols.contract.types import BenchmarkData, Robot
 
 

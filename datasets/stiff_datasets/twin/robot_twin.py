@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -13,9 +13,14 @@ from annotated_types import Ge, Gt, Le
 from stiff_datasets.planning.loads import LoadKind, stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
-from stiff_datasets.twin.constants import TwinConstants, read_constants, shipped_constants
+from stiff_datasets.twin.constants import (
+    SpecimenNumber,
+    TwinConstants,
+    read_constants,
+    shipped_constants,
+)
 from stiff_datasets.twin.effects import World
-from stiff_datasets.twin.twin_data import TwinData
+from stiff_datasets.twin.experiment import Approach, TwinExperiment
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BenchmarkData
 
@@ -23,6 +28,44 @@ POSES = 151  # the number in the source paper
 NARROW_JOINTS = (3, 5)
 """Columns of the joints at zero in the source paper's plan: A4 and A6."""
 MeasuringPlan = Literal["narrow", "wide"]
+
+
+@dataclass(kw_only=True, eq=False)
+class TwinData:
+    """A twin's data set; each specimen and seed gives another.
+
+    Attributes:
+        specimen: one of ten robots of the type; 0 has the nominal constants.
+        seed: draws loads, noise, approach and poses that are not planned; the robot itself does not
+            depend on it.
+        world: effects of robot and measurement, see `effects.py`: "clean", "friction", "structure",
+            "workshop", "all" of these three, or "unseen": effects that no model has a group for.
+        approach: how a pose is reached in a world with friction: "random", "one-sided", or
+            "cycled" (the first load is put on and off once before its reading).
+    """
+
+    specimen: SpecimenNumber = 0
+    seed: Annotated[int, Ge(0)] = 0
+    world: World = "clean"
+    approach: Approach = "random"
+
+    def measured(self, constants: TwinConstants, poses: Poses, **options: Any) -> BenchmarkData:
+        """Return the samples of this specimen and seed at the poses, pose by pose.
+
+        `options` are further arguments of `TwinExperiment`.
+        """
+        return self.experiment(constants, **options).measured(poses)
+
+    def experiment(self, constants: TwinConstants, **options: Any) -> TwinExperiment:
+        """Return the experiment; `options` are further arguments of `TwinExperiment`."""
+        return TwinExperiment(
+            constants,
+            specimen=self.specimen,
+            seed=self.seed,
+            world=self.world,
+            approach=self.approach,
+            **options,
+        )
 
 
 @dataclass(kw_only=True, eq=False)
