@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from stiff_protocols.contract.arrays import FloatArray, IntArray
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.paths.inverse import (

@@ -45,9 +45,9 @@ from stiff_datasets.measured.sample_columns import (
     joint_columns,
 )
 from stiff_datasets.measured.sheet_files import write_table
+from stiff_protocols.contract.display import MOST_ROWS, Screen, ShownObject
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError
 from stiff_protocols.contract.robot import Robot
-from stiff_protocols.contract.screen import MOST_ROWS, Screen, ShownObject
 from stiff_protocols.contract.stiffness_model import interval_at_tcp
 from stiff_protocols.contract.types import FloatArray, IntArray, frozen_array
 from stiff_protocols.paths.inverse import LIMIT_SLACK, SINGULAR, follow

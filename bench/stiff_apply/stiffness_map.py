@@ -50,6 +50,7 @@ from stiff_datasets.measured.sample_columns import (
 )
 from stiff_datasets.measured.sheet_files import PARQUET, write_table
 from stiff_models.physics.vjm import VirtualJointModel
+from stiff_protocols.contract.display import printable
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -57,7 +58,6 @@ from stiff_protocols.contract.errors import (
     warn,
 )
 from stiff_protocols.contract.robot import Robot
-from stiff_protocols.contract.screen import printable
 from stiff_protocols.contract.types import (
     AXES,
     BoolArray,

@@ -13,8 +13,8 @@ import warnings
 from collections.abc import Iterator
 from typing import TextIO
 
-from stiff_protocols.contract.screen import one_line as one_line
-from stiff_protocols.contract.screen import printable as printable
+from stiff_protocols.contract.display import one_line as one_line
+from stiff_protocols.contract.display import printable as printable
 
 SCREEN = "screen"
 """Format of tables for a terminal."""

@@ -26,10 +26,10 @@ from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import Text
 from stiff_datasets.measured.drilled_holes import drilled_holes as drilled_holes
 from stiff_datasets.measured.file_options import POSE_TOLERANCE, FileOptions
+from stiff_protocols.contract.display import Screen, ShownObject
 from stiff_protocols.contract.errors import ConfigError, DataError, warn
 from stiff_protocols.contract.files import make_folder
 from stiff_protocols.contract.plugin import DatasetInfo
-from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.contract.types import (
     SHOWN_ROWS,
     BenchmarkData,

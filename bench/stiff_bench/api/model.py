@@ -25,6 +25,7 @@ from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import MM, counted, percent
 from stiff_bench.tables.writers import Text, plain_text
 from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
+from stiff_protocols.contract.display import Screen, ShownObject
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,
@@ -35,7 +36,6 @@ from stiff_protocols.contract.errors import (
 )
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.plugin import ModelInfo, in_words
-from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.stiffness_model import offers, optional
 from stiff_protocols.contract.training_range import TrainingRange

@@ -19,7 +19,7 @@ from typing import Any, Self
 from stiff_bench.store.database import read_data, read_manifests, read_results, why_no_results
 from stiff_bench.store.names import TaskName, grouped, natural_key
 from stiff_bench.store.samples import StoredData
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
 

@@ -29,7 +29,7 @@ from stiff_bench.store.names import TaskName, without_options
 from stiff_bench.store.samples import StoredData
 from stiff_bench.tables.units import PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL, is_spring_model
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
 from stiff_protocols.contract.record import PATH_ERROR, TEACHER_EPOCHS, CellResult
 from stiff_protocols.contract.types import AXES, BOUND_NAMES, FloatArray, Prediction

@@ -23,7 +23,7 @@ from stiff_bench.results.notes import mark_of
 from stiff_bench.results.scored_task import READINGS, ScoredTask, SortKey, family_of, score_task
 from stiff_bench.store.names import grouped
 from stiff_models.model_catalog import REFERENCE_MODEL, is_spring_model
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.scoring.over_robots import (
     corrected_p_values,

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.bootstrap import PoseErrors, resampled_means
 from stiff_protocols.scoring.paired import (

@@ -20,7 +20,7 @@ from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.run.machine import environment, peak_memory_bytes
 from stiff_bench.run.progress import display
 from stiff_bench.store.database import ResultStore, read_results
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.record import CellResult, RunManifest

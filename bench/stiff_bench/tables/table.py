@@ -12,7 +12,7 @@ from operator import itemgetter
 from typing import Any, Literal, Self
 
 from stiff_bench.console import SCREEN as SCREEN
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from stiff_bench.console import one_line, printable, wrapped_lines
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import SCREEN, VALUE_FIELDS, Column, Entry, Table
 from stiff_bench.tables.terminal import screen_text
-from stiff_protocols.contract.screen import WIDTH, html_block
+from stiff_protocols.contract.display import WIDTH, html_block
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -24,8 +24,8 @@ from stiff_datasets.measured.sample_columns import (
     counted,
     in_file_units,
 )
+from stiff_protocols.contract.display import one_line, printable
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.screen import one_line, printable
 from stiff_protocols.contract.types import BenchmarkData
 
 TORQUE = re.compile(r"\btorques?\b", re.IGNORECASE)

@@ -64,9 +64,9 @@ from stiff_datasets.measured.sample_file import (
 )
 from stiff_datasets.measured.sheet_files import Sheet, read_sheet
 from stiff_datasets.measured.unloaded_positions import Comparison, compare_positions, in_mm
+from stiff_protocols.contract.display import Screen, printable
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
-from stiff_protocols.contract.screen import Screen, printable
 from stiff_protocols.contract.training_range import in_smallest_arcs
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.springs.identification import Identified, identify, typical_joints

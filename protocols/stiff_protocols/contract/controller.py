@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiff_protocols.contract.arrays import FloatArray, freeze
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import DataError
 
 

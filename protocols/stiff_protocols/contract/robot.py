@@ -8,8 +8,8 @@ import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, freeze
 from stiff_protocols.contract.controller import Controller
+from stiff_protocols.contract.display import Screen, ShownObject
 from stiff_protocols.contract.errors import DataError
-from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.kinematics.chain_formulas import ChainJoint, JointType
 from stiff_protocols.kinematics.serial_chain import SerialChain
 

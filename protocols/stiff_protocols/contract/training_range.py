@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiff_protocols.contract.arrays import FloatArray, freeze, frozen_array
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import BoolArray, Interval, Robot, Samples
 

@@ -20,10 +20,9 @@ from stiff_protocols.contract.arrays import IntArray as IntArray
 from stiff_protocols.contract.arrays import TextArray as TextArray
 from stiff_protocols.contract.arrays import freeze
 from stiff_protocols.contract.arrays import frozen_array as frozen_array
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields, Screen, ShownObject
 from stiff_protocols.contract.errors import ConfigError, DataError
 from stiff_protocols.contract.robot import Robot as Robot
-from stiff_protocols.contract.screen import Screen, ShownObject
 from stiff_protocols.kinematics.chain_formulas import ChainJoint as ChainJoint
 from stiff_protocols.kinematics.chain_formulas import JointType as JointType
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, frozen_array
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.kinematics.chain_formulas import Chain, ChainGeometry, Component
 from stiff_protocols.kinematics.straight_line import Program, half_angle, tape_with

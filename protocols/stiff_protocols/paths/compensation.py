@@ -18,7 +18,7 @@ from stiff_protocols.contract.arrays import (
     TextArray,
     frozen_array,
 )
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.types import Deflection

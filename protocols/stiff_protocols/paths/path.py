@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiff_protocols.contract.arrays import FloatArray, IntArray, freeze, frozen_array
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import DataError
 
 SAME_ROTATION = 1e-6

@@ -24,7 +24,7 @@ from itertools import compress
 import numpy as np
 
 from stiff_protocols.contract.arrays import BoolArray, FloatArray, IntArray
-from stiff_protocols.contract.brief_fields import BriefFields
+from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.robot import Robot
 

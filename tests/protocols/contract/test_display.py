@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from stiff_protocols.contract.brief_fields import BriefFields
-from stiff_protocols.contract.screen import MOST_ROWS, WIDTH, Screen
+from stiff_protocols.contract.display import MOST_ROWS, WIDTH, BriefFields, Screen
 
 HOSTILE = "<img src=x onerror=alert(1)>$x^2$\x1b[2J\n[red]&"
 
