@@ -8,7 +8,7 @@ constant network is the VJM; training begins there.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, cast
 
 import numpy as np
@@ -19,7 +19,8 @@ from stiff_models.device import torch_device
 from stiff_models.networks.encoded_model import Scaler, encode
 from stiff_models.networks.fully_connected import ChosenActivation, linear_layers
 from stiff_models.networks.onnx_export import EncodedNetwork, Springs
-from stiff_models.transfer.ft_mlp import FineTunedMlp
+from stiff_models.transfer.ft_mlp import FtMlp
+from stiff_models.transfer.pretrained_mlp import Anchor
 from stiff_models.transfer.source_domain import SourceDomain
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import joint_torque
@@ -55,7 +56,7 @@ class ComplianceNetwork(torch.nn.Module):
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class ComplianceNet(FineTunedMlp):
+class ComplianceNet(FtMlp):
     """Structure-preserving network.
 
     Its constant case is the teacher of the source domain. So pre-training on a source with
@@ -65,6 +66,7 @@ class ComplianceNet(FineTunedMlp):
     fitted robot.
     """
 
+    anchor: Anchor = field(default="none", init=False)
     freeze: str = "full"
     activation: ChosenActivation = "relu"
     pretrain_steps: Annotated[int, Ge(0)] | None = 0

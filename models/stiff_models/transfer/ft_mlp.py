@@ -21,7 +21,7 @@ from stiff_models.networks.mlp import Epochs, LearningRate
 from stiff_models.networks.network_model import ChoosesEpochs
 from stiff_models.networks.training import Curve, Rows, TrainingPlan, Visits, train_network
 from stiff_models.transfer.freeze_strategies import Stage, stages
-from stiff_models.transfer.pretrained_mlp import AnchoredMlp, PretrainedMlp, Recipe
+from stiff_models.transfer.pretrained_mlp import PretrainedMlp, Recipe
 from stiff_protocols.contract.record import TEACHER_EPOCHS
 from stiff_protocols.contract.types import Robot, Samples
 
@@ -35,8 +35,8 @@ FINE_TUNING: dict[Recipe, TrainingPlan] = {
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class FineTunedMlp(ChoosesEpochs, PretrainedMlp):
-    """Base of the families whose pre-trained MLP is fine-tuned.
+class FtMlp(ChoosesEpochs, PretrainedMlp):
+    """Pre-trained MLP that is fine-tuned on the measured samples.
 
     Attributes:
         freeze: layers that fine-tuning trains: "layers:1,2" (hidden layers from 1, "out" for the
@@ -121,11 +121,6 @@ class FineTunedMlp(ChoosesEpochs, PretrainedMlp):
 
     def _stages(self, epochs: int) -> tuple[Stage, ...]:
         return stages(self.freeze, hidden_layers=self.layers, epochs=epochs)
-
-
-@dataclass(kw_only=True, eq=False, repr=False)
-class FtMlp(FineTunedMlp, AnchoredMlp):
-    """Fine-tuned MLP."""
 
     def fine_tuned_on(self, train: Samples, validation: Samples | None, seed: int) -> Self:
         """Return a copy of this fitted model, fine-tuned from its pre-training on other samples.

@@ -49,26 +49,40 @@ PRETRAINING: dict[Recipe, TrainingPlan] = {
         steps=100_000, learning_rate=1e-3, loss="mse", optimizer="adam", batch=256
     ),
 }
+Anchor = Literal["auto", "none", "teacher", SpringModel]
+TEACHERS: tuple[SpringModel, ...] = ("vjm", "vjm-multisegment", "vjm-full")
+"""Models that anchor="teacher" chooses from; a teacher by name may be any spring model."""
+ANCHORED_STEPS = 300
+"""Pre-training steps of recipe="fast": an anchored network need not reproduce the teacher."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class PretrainedMlp(PretrainedModel, NetworkModel):
     """Base of the families whose MLP learns the source domain.
 
+    With an anchor the prediction before fine-tuning is a teacher's. The teacher is identified on
+    the training samples, even if the network was pre-trained on another robot's samples.
+
     Attributes:
         preset: "ours", or "paper": the source domain of the paper's Tables 4 and 5, and ReLU.
         recipe: "fast" (ours; 2,000 steps: a minute on one core; 300 for an anchored network),
             "best" (4,000 steps, half of the error on the source) or "paper" (the paper's preset,
             and its schedule of 100,000 iterations for every training part).
+        anchor: "teacher" (the best of vjm, vjm-multisegment and vjm-full at left-out training
+            poses), a spring model by name, or "none" (the source paper's method: before fine-tuning
+            the prediction is the pre-trained network's). "auto": "none" with the paper's source,
+            else "teacher".
+        teacher_: fitted teacher; None without an anchor.
     """
 
     preset: Literal["ours", "paper"] = "ours"
     recipe: Recipe = "fast"
+    anchor: Anchor = "auto"
 
     @property
     def is_anchored(self) -> bool:
         """Return whether the prediction before fine-tuning is a teacher's."""
-        return False
+        return self.anchor != "none" and not (self.anchor == "auto" and self.paper_source)
 
     @property
     def paper_source(self) -> bool:
@@ -91,37 +105,9 @@ class PretrainedMlp(PretrainedModel, NetworkModel):
         return self.activation
 
     def _recipe_plan(self) -> TrainingPlan:
-        return PRETRAINING[self.recipe]
-
-
-Anchor = Literal["auto", "none", "teacher", SpringModel]
-TEACHERS: tuple[SpringModel, ...] = ("vjm", "vjm-multisegment", "vjm-full")
-"""Models that anchor="teacher" chooses from; a teacher by name may be any spring model."""
-ANCHORED_STEPS = 300
-"""Pre-training steps of recipe="fast": an anchored network need not reproduce the teacher."""
-
-
-@dataclass(kw_only=True, eq=False, repr=False)
-class AnchoredMlp(PretrainedMlp):
-    """Pre-trained MLP whose prediction before fine-tuning is a teacher's.
-
-    The teacher is identified on the training samples, even if the network was pre-trained on
-    another robot's samples.
-
-    Attributes:
-        anchor: "teacher" (the best of vjm, vjm-multisegment and vjm-full at left-out training
-            poses), a spring model by name, or "none" (the source paper's method: before fine-tuning
-            the prediction is the pre-trained network's). "auto": "none" with the paper's source,
-            else "teacher".
-        teacher_: fitted teacher; None without an anchor.
-    """
-
-    anchor: Anchor = "auto"
-
-    @property
-    def is_anchored(self) -> bool:
-        """Return whether the prediction before fine-tuning is a teacher's."""
-        return self.anchor != "none" and not (self.anchor == "auto" and self.paper_source)
+        plan = PRETRAINING[self.recipe]
+        short = self.is_anchored and self.recipe == "fast"
+        return replace(plan, steps=ANCHORED_STEPS) if short else plan
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         super()._fit(train, robot, validation, seed)
@@ -135,13 +121,8 @@ class AnchoredMlp(PretrainedMlp):
                 self.best_params_["anchor"] = name
             self.teacher_ = fitted_physics(name, train, robot)
 
-    def _recipe_plan(self) -> TrainingPlan:
-        plan = super()._recipe_plan()
-        short = self.is_anchored and self.recipe == "fast"
-        return replace(plan, steps=ANCHORED_STEPS) if short else plan
-
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        if self.teacher_ is None:
+        if not self.is_anchored or self.teacher_ is None:
             return super()._predict(q, wrench)
         return self.teacher_.predict(q, wrench) + (
             self._predicted_by(self.network_, q, wrench)
@@ -222,7 +203,7 @@ def _no_warnings() -> warnings.catch_warnings[None]:
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class MlpPretrained(AnchoredMlp):
+class MlpPretrained(PretrainedMlp):
     """Pre-training on the source domain.
 
     It uses the measurements only through the VJM of the training part, which supplies the source

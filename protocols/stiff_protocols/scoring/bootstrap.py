@@ -42,11 +42,6 @@ class PoseErrors(BriefFields):
         """The (k,) mean absolute error over all rows, m."""
         return np.asarray(self.totals.sum(axis=0) / self.counts.sum())
 
-    @property
-    def n_tested(self) -> int:
-        """Number of poses with a row."""
-        return int(np.count_nonzero(self.counts))
-
     def differences(self, a: int, b: int) -> FloatArray:
         """Return the (t,) mean differences of two columns on the tested poses, A less B, m."""
         tested = self.counts > 0
