@@ -205,7 +205,7 @@ class Scores(BriefFields):
 def robot_logs(rows: DataFrame, value: str, *, partial: bool = False) -> DataFrame:
     """Return (robots, models) mean logarithms of a ratio, with one vote per world of a robot.
 
-    A model needs only one split of a data set: its error is divided by the VJM's on that split.
+    An error and the VJM's are means over the same splits: those that all models of a task have.
     `rows` are of `Scores.frame`, `value` is the ratio's column. With `partial` the plans that a
     model has are averaged; else its mean is NaN if one is missing.
     """
