@@ -56,3 +56,12 @@ def test_every_python_file_that_a_page_names_is_there(page):
     named_files = set(re.findall(r"`(?:[\w/]*/)?(\w+\.py)`", (TOP / page).read_text("utf-8")))
     existing_files = {path.name for path in TOP.glob("*/**/*.py")}
     assert named_files - existing_files == set() != named_files
+
+
+def test_a_change_opens_at_most_three_files_beside_its_test():
+    table = (TOP / "CONTRIBUTING.md").read_text("utf-8").partition("## To change X, open Y")[2]
+    rows = [line for line in table.splitlines() if line.startswith("| ")][1:]
+    for row in rows:
+        named = re.findall(r"`([^` ]*[./][^` ]*)`", row)
+        assert len([name for name in named if not name.startswith("tests/")]) <= 3, row
+    assert len(rows) > 20
