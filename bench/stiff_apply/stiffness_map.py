@@ -9,6 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
+from stiff_apply.cartesian_stiffness import (
+    cartesian_compliance,
+    cartesian_stiffness,
+    largest_compliance,
+)
 from stiff_apply.path_file import POSITION_COLUMNS
 from stiff_apply.tool_task import (
     LOAD_VALUES,
@@ -66,11 +71,6 @@ from stiff_protocols.contract.types import (
     frozen_array,
 )
 from stiff_protocols.paths.inverse import JUMP
-from stiff_protocols.springs.cartesian_stiffness import (
-    cartesian_compliance,
-    cartesian_stiffness,
-    largest_compliance,
-)
 
 if TYPE_CHECKING:
     from pandas import DataFrame

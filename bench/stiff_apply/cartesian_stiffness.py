@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiff_protocols.contract.arrays import FloatArray
+from stiff_protocols.contract.types import FloatArray
 
 LARGEST_CONDITION = 1e12
 """Of a compliance scaled to a unit diagonal: beyond it, its inverse keeps few correct digits."""

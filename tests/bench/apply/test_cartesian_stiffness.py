@@ -7,7 +7,7 @@ import pytest
 
 import stiffbench as sb
 from helpers.made_robots import planar_arm
-from stiff_protocols.springs.cartesian_stiffness import (
+from stiff_apply.cartesian_stiffness import (
     cartesian_compliance,
     cartesian_stiffness,
     largest_compliance,
