@@ -102,8 +102,10 @@ results export --results ../out --output ../out/records.jsonl
 submit --card ../out/submitted/card.toml --output ../out/submission
 reproduce paper-quick --plan --output ../out
 fit --model mlp@width=8@epochs=2 --dataset kr10-twin --output ../out/m.stiff
+fit --model vjm --dataset kr10-twin --output ../out/v.stiff --urdf-out ../out/v.urdf
 predict --model ../out/m.stiff --input ../out/some.csv --output ../out/all.csv
 export --model ../out/m.stiff --output ../out/mlp.onnx
+export --model ../out/m.stiff --output ../out/mlp.c --format c
 path example --points 9 --output ../out/path.csv
 path compensate --model ../out/m.stiff --path ../out/path.csv --output ../out/c.csv --figure ../out/path.png
 map --model ../out/m.stiff --load 0,0,-60 --grid 6 --output ../out/map.csv --figure ../out/map.png

@@ -96,6 +96,7 @@ def _fit(
     device: Device = "auto",
     seed: Seed = 0,
     cross_validate: bool = True,
+    urdf_out: FilePath | None = None,
 ) -> str:
     """Fit a model to all samples of a data set and save it.
 
@@ -111,16 +112,19 @@ def _fit(
         seed: seed of the model, and of the choice of validation poses.
         cross_validate: store the error at left-out poses, from one more fit for each fifth of the
             poses.
+        urdf_out: also write the robot as a new URDF with the fitted TCP and joint stiffnesses.
     """
     from stiff_protocols.contract.files import check_new_file  # 10 ms
 
     model, samples = api.evaluation.model_and_data(
         models, [*datasets, *data], settings=settings, device=device
     )
-    check_new_file(Path(output))
+    for file in (output,) if urdf_out is None else (output, urdf_out):
+        check_new_file(Path(file))
     model.fit(samples, seed=seed)
     model.save(output, cross_validate=cross_validate)
-    return f"{output}: {model.report(samples, seed)}"
+    written = "" if urdf_out is None else f"\n{model.write_urdf(urdf_out)}"
+    return f"{output}: {model.report(samples, seed)}{written}"
 
 
 def _predict(model: sb.Model, output: FilePath, **options: Any) -> str:
@@ -548,7 +552,11 @@ COMMANDS = {
             "--model my.stiff --point 900,0,800,0,90,0 --load 0,0,-50,0,0,0\n"
             "--model my.stiff --path holes.csv --output postures.csv",
         ),
-        Command("export", "Model.export", "--model mlp.stiff --output mlp.onnx"),
+        Command(
+            "export",
+            "Model.export",
+            "--model mlp.stiff --output mlp.onnx\n--model my.stiff --output my.c --format c",
+        ),
     ],
     "Look up and add names": [
         Command("list", "", "models", _list, show_tables),

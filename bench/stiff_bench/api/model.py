@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from stiff_protocols.contract.errors import (
     describe_error,
     warn,
 )
-from stiff_protocols.contract.files import check_new_file
+from stiff_protocols.contract.files import check_new_file, written_whole
 from stiff_protocols.contract.plugin import ModelInfo, in_words
 from stiff_protocols.contract.source_code import code_of
 from stiff_protocols.contract.stiffness_model import offers, optional
@@ -361,27 +361,77 @@ class Model(ShownObject):
             warn(text)
         return len(extrapolates)
 
-    def export(self, output: FilePath) -> Text:
-        """Write a saved network as ONNX.
+    def export(self, output: FilePath, *, format: Literal["onnx", "c"] = "onnx") -> Text:
+        """Write a saved network as ONNX, or a spring model or network as C99.
 
         Args:
-            output: new .onnx file.
+            output: new .onnx file; or new .c file, next to which its .h file is written.
+            format: ONNX for networks; C for spring models (bayes-springs without its intervals)
+                and networks without physics.
 
         Raises:
             NotFittedError: `fit` was not called.
-            ConfigError: the model is not a network, or a package is missing.
-            StoreError: the file cannot be written, or exists.
+            ConfigError: the model has no such form, a C file has another suffix, or a package is
+                missing.
+            StoreError: a file cannot be written, or exists.
         """
         self.check_fitted()
-        check_new_file(Path(output))
-        from stiff_models.networks.onnx_export import export_onnx
+        robot, files, output = self.fitted.robot_, [Path(output)], Path(output)
+        if format == "c":
+            from stiff_models.c_export.c_source import export_c
 
-        export_onnx(self.fitted, Path(output))
-        robot = self.fitted.robot_
+            files.append(output.with_suffix(".h"))
+            for file in files:
+                check_new_file(file)
+            export_c(self.fitted, output, name=self.name, data=self.data_text)
+            form = "C99; deflection(q, wrench, d) and correct(q, wrench, command); q"
+        else:
+            from stiff_models.networks.onnx_export import export_onnx
+
+            check_new_file(output)
+            export_onnx(self.fitted, output)
+            form = f"inputs q (n, {robot.n_joints})"
         return Text(
-            f"{output}: {self.name}, robot {robot.name}; inputs q (n, {robot.n_joints}) rad or m, "
-            "wrench (n, 6) N and N m at the TCP; output deflection (n, 3) m; base frame, float64"
+            f"{', '.join(map(str, files))}: {self.name}, robot {robot.name}; {form} rad or m, "
+            "wrench N and N m at the TCP; output deflection m; base frame, float64"
         )
+
+    @property
+    def data_text(self) -> str:
+        """Return name, size and sha256 of the training data; of a file as far as it has them."""
+        if self.data is None:
+            return str(getattr(self.fitted, "data_text_", "not stated in the model file"))
+        data = self.data[0]
+        return f"{data.name}, {counted(len(data), 'sample')}, sha256 {data.data.sha256}"
+
+    def write_urdf(self, output: FilePath) -> Text:
+        """Write the model's robot as URDF, with its fitted TCP and the stiffness of its springs.
+
+        It is the chain that the model was fitted to: joints, limits, masses. The TCP is the last
+        link, ``tcp``. Each spring is an element ``stiffness`` of its joint, N m/rad or N/m.
+
+        Args:
+            output: new .urdf file.
+
+        Raises:
+            NotFittedError: `fit` was not called.
+            ConfigError: the model has no stiffness of single joints.
+            StoreError: the file cannot be written, or exists.
+        """
+        from stiff_datasets.robots.urdf_writer import robot_urdf
+
+        self.check_fitted()
+        check_new_file(Path(output))
+        springs = getattr(self.fitted, "springs_", None)
+        if springs is None or not springs.report().keys() <= self.diagnostics.keys():
+            valid = "vjm, vjm-full, vjm-multisegment, bayes-springs"
+            reason = f"{self.name} has no stiffness of single joints (valid: {valid})"
+            raise ConfigError(reason, "urdf-out")
+        geometry = getattr(self.fitted, "geometry_", None)
+        robot = self.fitted.robot_ if geometry is None else geometry.robot
+        with written_whole(Path(output)) as temporary:
+            temporary.write_text(robot_urdf(robot, springs), encoding="utf-8")
+        return Text(f"{output}: {robot.name}, TCP {robot.tcp_text}, {len(springs.names)} springs")
 
     def check_fitted(self) -> None:
         """Raise NotFittedError unless the model is fitted."""
@@ -526,6 +576,8 @@ class Model(ShownObject):
             self._keep_left_out_errors()
         if self.data is not None and cross_validate:
             self._keep_cross_validated_error()
+        if self.data is not None:
+            self.fitted.data_text_ = self.data_text
         is_plugin = choice.cls.__module__ != "__main__" and bool(code_of(choice.cls))
         save(self.fitted, Path(output), {choice.info.key: choice.params} if is_plugin else None)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from datetime import date
 from io import StringIO
 
 import numpy as np
@@ -16,7 +18,7 @@ from stiff_bench.api.model import load_model
 from stiff_datasets.measured.sheet_files import sample_table, write_table
 from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_models import load
-from stiff_protocols.contract.errors import DataError
+from stiff_protocols.contract.errors import ConfigError, DataError
 
 JOINTS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
 WRENCH = "fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm"
@@ -189,3 +191,50 @@ def test_an_error_of_a_crafted_model_names_its_file(vjm_file, tmp_path):
     (tmp_path / "poses.csv").write_text(f"{HEADER}\n{ROW}\n")
     with pytest.raises(DataError, match=r"vjm\.stiff: its model cannot predict: AttributeError"):
         model.predict_file(tmp_path / "poses.csv", tmp_path / "out.csv")
+
+
+def test_a_fits_urdf_has_the_fitted_tcp_and_its_stiffnesses(bench, tmp_path):
+    words = (*FIT_TWIN, "--no-cross-validate", "--model", "vjm@tcp=fit", "--output", "tcp.stiff")
+    assert "tcp.urdf: kr10_r1100_2" in bench(*words, "--urdf-out", "tcp.urdf")
+    model = load(tmp_path / "tcp.stiff")
+    read = read_robot(tmp_path / "tcp.urdf")
+    np.testing.assert_allclose(read.tcp, model.geometry_.robot.tcp, atol=1e-12)
+    assert np.abs(read.tcp - model.robot_.tcp).max() > 1e-3
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 6))
+    moved = model.geometry_.robot.tcp_position(q)
+    np.testing.assert_allclose(read.tcp_position(q), moved, atol=1e-12)
+    springs = re.findall(
+        r'<stiffness spring="(A\d)" value="(.*?)"', (tmp_path / "tcp.urdf").read_text()
+    )
+    assert [name for name, _ in springs] == [f"A{k}" for k in range(1, 7)]
+    stiffness = np.array([float(value) for _, value in springs])
+    np.testing.assert_allclose(stiffness, 1.0 / model.springs_.compliance)
+
+
+@pytest.mark.parametrize("model", ["mean", "fourier-springs", "vjm-full@solver=ridge"])
+def test_a_model_without_stiffness_of_single_joints_writes_no_urdf(model, twin, tmp_path):
+    fitted = sb.make_model(model).fit(twin)
+    with pytest.raises(ConfigError, match=r"no stiffness of single joints.*valid: vjm"):
+        fitted.write_urdf(tmp_path / "robot.urdf")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_c_is_written_with_a_header_that_says_what_it_is_from(bench, vjm_file, twin, tmp_path):
+    data, made = sb.Dataset.from_samples(twin.samples, twin.robot, name="cell-7"), tmp_path / "c"
+    made.mkdir()
+    sb.make_model("vjm").fit(data).save(made / "own.stiff", cross_validate=False)
+    printed = bench(
+        "export", "--model", made / "own.stiff", "--output", made / "a.c", "--format", "c"
+    )
+    assert "a.c" in printed and "a.h" in printed
+    header = (made / "a.h").read_text()
+    facts = ("vjm", "cell-7", f"{len(twin.samples)} samples", twin.sha256, twin.robot.name)
+    assert [fact for fact in facts if fact not in header] == []
+    assert date.today().isoformat() in header and "rad" in header and "N m" in header
+    assert (made / "a.c").read_text().startswith(header)
+    words = ("--model", made / "own.stiff", "--output", made / "a.c", "--format", "c")
+    refused = bench_here("export", *words, cwd=tmp_path)
+    assert refused.returncode == 2 and "exists" in refused.stderr
+    (made / "b.h").touch()  # the header would be overwritten
+    refused = bench_here("export", *words[:3], made / "b.c", "--format", "c", cwd=tmp_path)
+    assert refused.returncode == 2 and not (made / "b.c").exists()

@@ -10,7 +10,7 @@ import pytest
 from helpers.command_line import assert_refused, bench_here
 from helpers.command_tree import COMMANDS, GROUPS, PARAMETERS
 
-WRITTEN = {"--output", "--figure", "--loads-template"}
+WRITTEN = {"--output", "--figure", "--loads-template", "--urdf-out"}
 """Options that name an output; a path that does not exist yet is valid."""
 SENSE = {("bench data validate", "FILE")}
 """(command, parameter) for which every text is valid; the report lists its errors."""

@@ -1,0 +1,1 @@
+"""Fitted models as C99 source."""
