@@ -99,9 +99,9 @@ def _network(model: Any) -> str:
     layers = [[part.detach().cpu().numpy() for part in (m.bias, m.weight)] for m in linear]
     sizes = [layers[0][1].shape[1], *(len(bias) for bias, _ in layers)]
     turned = encoded_joints(model.robot_, model.angle_encoding)
-    angles, others = ([f"q[{k}]" for k in np.flatnonzero(part)] for part in (turned, ~turned))
+    angles, slides = ([f"q[{k}]" for k in np.flatnonzero(part)] for part in (turned, ~turned))
     features = [f"{function}({angle})" for function in ("sin", "cos") for angle in angles]
-    features += [*others, *(f"wrench[{k}]" for k in range(6))]
+    features += [*slides, *(f"wrench[{k}]" for k in range(6))]
     encoding = "".join(f"    x[{k}] = {text};\n" for k, text in enumerate(features))
     macros = {"ACTIVATION(x)": ACTIVATIONS[model.hidden_activation]}
     return (
@@ -170,32 +170,32 @@ def spring_tables(model: Any) -> tuple[FloatArray, FloatArray] | None:
     width, height) adds height [f(g + load) - f(g)]: g is 0 or the weights' torque, f(t) is t
     clipped at the width, or atan(t / width).
     """
-    robot, own, kind, curves = model.robot_, _own_springs(model.robot_), type(model), []
+    robot, gears, kind, curves = model.robot_, _own_springs(model.robot_), type(model), []
     if kind is VirtualJointModel:
-        lines = _rows(own, own, 0, 0, model.springs_.compliance)
+        lines = _rows(gears, gears, 0, 0, model.springs_.compliance)
     elif kind is FullVjm:
         springs = spring_columns(robot, model.springs)
         lines = _rows(springs, springs, 0, 0, model.compliance_)
     elif kind is MultiSegmentVjm:  # the last slope, and clipped steps of the slopes
-        lines = _rows(own, own, 0, 0, model.slopes_[:, -1])
+        lines = _rows(gears, gears, 0, 0, model.slopes_[:, -1])
         steps = zip(model.breakpoints_.T, -np.diff(model.slopes_).T, strict=True)
-        curves += [_rows(own, model.gravity, True, end, step) for end, step in steps]
+        curves += [_rows(gears, model.gravity, True, end, step) for end, step in steps]
     elif kind is CurveSprings:
         springs, n = spring_columns(robot, SPRINGS_PER_JOINT), len(model.typical_)
         lines = _rows(springs, springs, 0, 0, model.coefficients_[:n] * model.typical_)
-        typical = model.typical_[np.isin(springs, own)]
-        heights = model.coefficients_[n:].reshape(-1, len(own)) * typical
+        typical = model.typical_[np.isin(springs, gears)]
+        heights = model.coefficients_[n:].reshape(-1, len(gears)) * typical
         widths, n_ends = [*model.ends_, *np.outer(WIDTHS, model.torque_)], len(model.ends_)
         heights[n_ends:] *= model.torque_
         for k, sizes in enumerate(zip(widths, heights, strict=True)):
-            curves.append(_rows(own, True, k < n_ends, *sizes))
+            curves.append(_rows(gears, True, k < n_ends, *sizes))
     elif kind is FourierSprings:  # products of 1, 1 + cos, 1 - cos, 1 + sin, 1 - sin
         sums = np.array([[1, 0, 0], [1, 1, 0], [1, -1, 0], [1, 0, 1], [1, 0, -1]])
         turning = 1 + np.flatnonzero(robot.turns[SHOULDER_AND_ELBOW])
         first, second, *_ = [*([0, 4 * j + 1, 4 * j + 2] for j in turning.tolist()), [0], [0]]
         basis = [np.ones((1, 1)), sums, np.kron(sums, sums)][len(turning)]
         parts = zip(product(first, second), (model.coefficients_ @ basis).T, strict=True)
-        lines = np.vstack([_rows(own, own, a, b, values) for (a, b), values in parts])
+        lines = np.vstack([_rows(gears, gears, a, b, values) for (a, b), values in parts])
     elif kind is BayesSprings:
         lines, curves = _groups(model)
     else:
