@@ -50,6 +50,7 @@ SPRINGS = [
     ("bayes-springs", {"groups": "joints+bearing play+load curves+base", "lever": "fit"}),
 ]
 """Every family of springs, with the options that change its prediction."""
+FIRST_OF_FAMILY = {key: options for key, options in reversed(SPRINGS)}
 
 
 def made_model(key, options, robot, rng):
@@ -130,6 +131,8 @@ def test_a_corrected_command_puts_the_loaded_tool_where_the_unloaded_one_was(vjm
 @pytest.mark.parametrize(("key", "options"), SPRINGS)
 def test_springs_of_100_000_random_samples_of_all_shipped_robots(key, options, tmp_path, rng):
     robots = [named_robot(name).robot() for name in shipped_robots()]
+    if FIRST_OF_FAMILY[key] != options:  # other options: the first robot
+        robots = robots[:1]
     for number, robot in enumerate(robots):
         folder = tmp_path / str(number)
         folder.mkdir()
@@ -140,12 +143,12 @@ def test_springs_of_100_000_random_samples_of_all_shipped_robots(key, options, t
         expected = model.predict(q, wrench)
         assert np.abs(c.deflection(q, wrench) - expected).max() <= NANOMETRE
         assert expected.std() > 1e3 * NANOMETRE
-        assert_corrects_as_python(c, model, q[:100], wrench[:100])
+        assert_corrects_as_python(c, model, q[:30], wrench[:30])
 
 
 @NEEDS_GCC
 @pytest.mark.slow
-@pytest.mark.parametrize(("key", "options"), SPRINGS)
+@pytest.mark.parametrize(("key", "options"), FIRST_OF_FAMILY.items())
 def test_springs_of_other_chains(key, options, tmp_path, rng):
     """Slides, mimic joints, seven joints, few joints, no limits, and a turned base."""
     path = tree_urdf(tmp_path / "palletizer.urdf", PALLETIZER)
