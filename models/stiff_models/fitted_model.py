@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from stiff_models.io import model_file
-from stiff_protocols.contract.errors import ModelError, NotFittedError
+from stiff_protocols.contract.errors import ModelError, NotFittedError, warn
 from stiff_protocols.contract.stiffness_model import StiffnessModel, check_readings
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import FloatArray, Interval, Robot, Samples
+from stiff_protocols.springs.unseen_joints import unseen_joints_texts
 
 if TYPE_CHECKING:
     import torch
@@ -44,6 +45,9 @@ class FittedModel(StiffnessModel):
         """
         check_readings(self, train)
         self._fit(train, robot, validation, seed)
+        if self.takes_directions:
+            for text in unseen_joints_texts(robot, train.q, train.wrench, train.directions):
+                warn(f"{text}; until then its stiffness is guessed from the other joints' sizes")
         self.robot_, self.training_range_ = robot, TrainingRange.of(train, robot)
         return self
 

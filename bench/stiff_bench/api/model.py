@@ -474,7 +474,8 @@ class Model(ShownObject):
         samples = data.samples
         predicted = optional(self.fitted, "predict_reading")(samples.q, samples.wrench)
         self._warn_beyond_training(samples.q, samples.wrench)
-        prediction = Prediction(np.arange(len(samples)), predicted, samples.deflection)
+        rows = np.arange(len(samples))
+        prediction = Prediction(rows, predicted, samples.deflection, directions=samples.directions)
         return DataFrame(metric_lines(prediction))
 
     def plot(self) -> Prepared:

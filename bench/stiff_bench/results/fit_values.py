@@ -40,6 +40,7 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
         interval=interval,
         reference=np.concatenate(references) if len(references) == len(parts) else None,
         bound_deflections=truths,
+        directions=np.concatenate([part.directions for part in parts]),
     )
 
 
@@ -64,7 +65,7 @@ def _bound_result(result: CellResult, name: str) -> CellResult | None:
         return None
     truths = {key: of for key, of in stored.bound_deflections.items() if key in TRUTHS}
     prediction = Prediction(
-        stored.rows, predicted, stored.measured, None, stored.reference, bound_deflections=truths
+        stored.rows, predicted, stored.measured, None, stored.reference, truths, stored.directions
     )
     presentation = replace(
         result.presentation, model=name, regime="", source="", picked_on_test=False

@@ -40,6 +40,7 @@ from stiff_protocols.scoring.metrics import (
     absolute_errors,
     metric,
     norm_errors,
+    reading_errors,
     true_errors,
 )
 from stiff_protocols.scoring.paired import ROPE_M
@@ -52,6 +53,7 @@ SEED, SPECIMEN = "seed", "specimen"
 _ROW_ERRORS: dict[str, Callable[[Prediction], FloatArray | None]] = {
     "mae": absolute_errors,
     "norm": norm_errors,
+    "reading": reading_errors,
     "true-norm": true_errors,
 }
 """Row errors by metric, for metrics that are means over rows: their poses can be resampled."""

@@ -106,7 +106,7 @@ def cross_validated_error(
             predict_reading = optional(model, "predict_reading")
             predicted = np.asarray(predict_reading(left_out.q, left_out.wrench))
             check_prediction(predicted, len(left_out))
-            errors.append(predicted - left_out.deflection)
+            errors.append(left_out.seen(predicted) - left_out.deflection)
     return CrossValidatedError.of(np.concatenate(errors), len(errors))
 
 

@@ -578,6 +578,9 @@ def _arrays(result: CellResult) -> dict[str, FloatArray]:
     if (prediction := result.prediction) is not None:
         arrays |= {"rows": prediction.rows.astype(_FLOAT), "predicted": prediction.predicted}
         arrays |= {"measured": prediction.measured, **prediction.bound_deflections}
+        if prediction.directions.size:
+            vectors = np.moveaxis(prediction.directions, 1, 0)
+            arrays |= dict(zip(_DIRECTIONS, vectors, strict=False))
         if prediction.reference is not None:
             arrays["reference"] = prediction.reference
         if prediction.interval is not None:  # its coverage is the cell's
@@ -618,7 +621,9 @@ def _arrays_in(shapes: Mapping[str, Sequence[int]], numbers: bytes) -> dict[str,
 
 _PARTS = {"rows", "predicted", "measured"}
 """Arrays of every prediction."""
-_ARRAYS = {*_PARTS, "reference", "lower", "upper", *BOUND_NAMES, *TRUTHS}
+_DIRECTIONS = tuple(f"direction {number}" for number in range(1, 4))
+"""Arrays of readings along directions, one for each number of a row."""
+_ARRAYS = {*_PARTS, "reference", "lower", "upper", *BOUND_NAMES, *TRUTHS, *_DIRECTIONS}
 
 
 def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Prediction:
@@ -627,6 +632,7 @@ def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Pre
         raise DataError("intervals without coverage or without a bound")
     if "lower" in arrays and coverage is not None:
         interval = Interval(arrays["lower"], arrays["upper"], coverage)
+    vectors = [arrays[name] for name in _DIRECTIONS if name in arrays]
     return Prediction.of_stored(
         rows=arrays["rows"].astype(np.int64),
         predicted=arrays["predicted"],
@@ -636,6 +642,7 @@ def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Pre
         bound_deflections={
             name: arrays[name] for name in (*BOUND_NAMES, *TRUTHS) if name in arrays
         },
+        directions=np.stack(vectors, axis=1) if vectors else np.empty(0),
     )
 
 

@@ -32,8 +32,9 @@ from stiff_models.physics.full_vjm import (
 from stiff_models.physics.vjm import warn_no_masses, warn_unexplained
 from stiff_models.pose_folds import folds_of_poses
 from stiff_protocols.contract.errors import ModelError
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import joint_torque, unit_deflections
+from stiff_protocols.springs.identification import RANK_TOLERANCE
 
 SPRINGS_PER_JOINT: Literal[3] = 3
 WIDTHS = (0.02, 0.1)
@@ -67,24 +68,28 @@ class CurveSprings(GeometryModel):
         lines = unit_deflections(twists_of(robot, train.q), train.wrench)
         if not lines.any():
             raise ModelError("no joint spring can be identified: no wrench turns any joint")
-        warn_few_samples(len(train), lines.shape[2])
+        warn_few_samples(train, lines.shape[2])
         warn_no_masses(robot)
         size = np.abs(np.vstack(self._torques(robot, train.q, train.wrench)))
         largest = size.max(axis=0)
         self.torque_ = np.where(largest > 0.0, largest, 1.0)  # of a joint without torque: any
         self.ends_ = np.quantile(size, [1.0 / 3.0, 2.0 / 3.0], axis=0)
         typical = typical_springs(robot, SPRINGS_PER_JOINT)
-        moved = lines @ typical
-        scale = float((moved * train.deflection).sum() / ((moved**2).sum() or 1.0)) or 1.0
+        moved = train.read(lines @ typical)
+        scale = float((moved * train.values).sum() / ((moved**2).sum() or 1.0)) or 1.0
         self.typical_ = scale * typical
-        columns = self._columns(robot, train.q, train.wrench)
+        columns = train.read(self._columns(robot, train.q, train.wrench))
+        readings, counts = train.values, train.is_read.sum(axis=1)
 
         def solved(rows: Any, strength: float) -> FloatArray:
-            return self._solved(columns[rows], train.deflection[rows], strength)
+            return self._solved(columns[rows], readings[rows], counts[rows], strength)
 
         power = 1.0 if self.weights == "student" else 2.0
         strength = best_strength(train, columns, solved, STRENGTHS, seed, power)
         self.coefficients_ = solved(slice(None), strength)
+        shown_size = np.linalg.norm(columns[:, :, : lines.shape[2]], axis=(0, 1))
+        unseen = np.flatnonzero(shown_size <= RANK_TOLERANCE * shown_size.max())
+        self.coefficients_[unseen] = 1.0  # lines by the joints' sizes
         self.diagnostics_ = {
             "coefficients": float(columns.shape[2]),
             "penalty": strength,
@@ -126,19 +131,26 @@ class CurveSprings(GeometryModel):
         ]
         return np.concatenate([lines, *(move * part[:, None] for part in parts)], axis=2)
 
-    def _solved(self, columns: FloatArray, deflection: FloatArray, strength: float) -> FloatArray:
-        """Return the (n_columns,) coefficients of (n, 3, n_columns) and (n, 3) deflections [m]."""
-        n, _, n_columns = columns.shape
+    def _solved(
+        self, columns: FloatArray, readings: FloatArray, counts: IntArray, strength: float
+    ) -> FloatArray:
+        """Return the (n_columns,) coefficients of (n, m, n_columns) and (n, m) readings [m].
+
+        `counts` (n,) are the numbers that were read in each sample.
+        """
+        n, most, n_columns = columns.shape
         n_lines = len(self.torque_) * SPRINGS_PER_JOINT
         shares = np.where(np.arange(n_columns) < n_lines, LINE_SHARE, 1.0)
         penalty = np.diag(strength * shares * float((columns**2).mean()) * n)
-        rows, target, weights = columns.reshape(-1, n_columns), deflection.reshape(-1), np.ones(n)
+        rows, target, weights = columns.reshape(-1, n_columns), readings.reshape(-1), np.ones(n)
         for _ in range(ROUNDS if self.weights == "student" else 1):
-            weighed = rows * np.repeat(weights, 3)[:, None]
+            weighed = rows * np.repeat(weights, most)[:, None]
             solved = np.linalg.solve(weighed.T @ rows + penalty, weighed.T @ target)
-            squares = ((target - rows @ solved) ** 2).reshape(n, 3).mean(axis=1)
+            squares = ((target - rows @ solved) ** 2).reshape(n, most).sum(axis=1) / counts
             middle = float((weights * squares).mean()) or 1.0
-            weights = (DEGREES_OF_FREEDOM + 3.0) / (DEGREES_OF_FREEDOM + 3.0 * squares / middle)
+            weights = (DEGREES_OF_FREEDOM + counts) / (
+                DEGREES_OF_FREEDOM + counts * squares / middle
+            )
         return np.asarray(solved)
 
 
@@ -154,7 +166,7 @@ def best_strength(
 
     Args:
         train: training samples.
-        columns: (n, 3, n_columns) deflections [m] by each coefficient.
+        columns: (n, m, n_columns) readings [m] by each coefficient.
         solved: returns the (n_columns,) coefficients of rows and a penalty.
         strengths: penalties to choose from, weakest first.
         seed: seed of the folds.
@@ -165,6 +177,6 @@ def best_strength(
     errors = np.zeros(len(strengths))
     for fitted, left_out in folds_of_poses(train, seed):
         for number, strength in enumerate(strengths):
-            error = columns[left_out] @ solved(fitted, strength) - train.deflection[left_out]
+            error = columns[left_out] @ solved(fitted, strength) - train.values[left_out]
             errors[number] += float((np.linalg.norm(error, axis=1) ** power).sum())
     return float(strengths[errors.argmin()])

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
@@ -175,22 +176,27 @@ class _Problem:
     moves: Moves
 
     def matrix(self, offset: FloatArray) -> FloatArray:
-        """Return the model's (3 n, n_columns) regressor."""
+        """Return the model's (k, n_columns) regressor of the k numbers that were read."""
         lever, twists, wrench = self.rotation @ offset, self.twists, self.samples.wrench
         if self.moves == "force":
             wrench = moved_wrench(wrench, lever)
         else:
             twists = moved_twists(twists, lever)
-        return self.regressor(twists, wrench).reshape(3 * len(wrench), -1)
+        return self.samples.read(self.regressor(twists, wrench))[self.samples.is_read]
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """(k,) numbers that were read, m."""
+        return np.asarray(self.samples.values[self.samples.is_read])
 
     def fitted(self, offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the regressor, its compliances, and their (3 n,) residuals."""
-        matrix, measured = self.matrix(offset), self.samples.deflection.reshape(-1)
+        """Return the regressor, its compliances, and their (k,) residuals."""
+        matrix, measured = self.matrix(offset), self.measured
         compliance = least_compliance(matrix, measured)
         return matrix, compliance, measured - matrix @ compliance
 
     def slopes(self, offset: FloatArray) -> FloatArray:
-        """Return the (3 n, 3) derivatives of the residuals by the offset, compliances refitted.
+        """Return the (k, 3) derivatives of the residuals by the offset, compliances refitted.
 
         From the change at constant compliances, the part that non-rigid springs can follow is
         subtracted (Kaufman 1975).
@@ -206,7 +212,7 @@ class _Problem:
     def noise(self, offset: FloatArray) -> float:
         """Return the standard deviation of the residuals [m], as in identification."""
         _, compliance, residual = self.fitted(offset)
-        measured = self.samples.deflection.reshape(-1)
+        measured = self.measured
         free = max(len(measured) - int((compliance > 0.0).sum()) - len(offset), 0)
         least = LEAST_NOISE**2 * float(measured @ measured) / len(measured)
         return float(np.sqrt((residual @ residual + least) / (free + 1)))
@@ -240,7 +246,7 @@ class _Problem:
         slopes = self.slopes(offset) / noise
         residual = self.fitted(offset)[2] / noise
         independent = np.linalg.inv(slopes.T @ slopes + prior)
-        pose = np.repeat(np.unique(self.samples.pose_id, return_inverse=True)[1], 3)
+        pose = self.samples.pose_of_number
         scores = np.zeros((int(pose.max()) + 1, 3))
         np.add.at(scores, pose, slopes * residual[:, None])
         by_pose = independent @ (scores.T @ scores + prior) @ independent
@@ -264,6 +270,7 @@ class GeometryModel(FittedModel):
     tcp_sigma_mm: Annotated[float, Gt(0)] = 50.0
     lever: Lever = "given"
 
+    takes_directions: ClassVar[bool] = True
     added_later: ClassVar[tuple[str, ...]] = ("tcp", "tcp_sigma_mm", "lever")
     geometry_ = cast("Geometry | None", None)
 

@@ -15,7 +15,7 @@ m.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -26,7 +26,7 @@ from stiff_models.physics.curve_springs import LINE_SHARE, best_strength
 from stiff_models.physics.vjm import compliance_regressor, warn_unexplained
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
-from stiff_protocols.springs.identification import typical_joints
+from stiff_protocols.springs.identification import RANK_TOLERANCE, typical_joints
 
 SHOULDER_AND_ELBOW = slice(1, 3)
 """Second and third joint; a prismatic joint, or one that a robot does not have, has no angle."""
@@ -43,6 +43,8 @@ class FourierSprings(FittedModel):
         diagnostics_: number of coefficients that are not zero, and the penalty.
     """
 
+    takes_directions: ClassVar[bool] = True
+
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         springs = compliance_regressor(robot, train.q, train.wrench)
         if not springs.any():
@@ -50,14 +52,21 @@ class FourierSprings(FittedModel):
         typical = typical_joints(robot)
         terms = _terms(robot, train.q)
         columns = ((springs * typical)[..., None] * terms[:, None, None]).reshape(len(train), 3, -1)
+        columns, readings = train.read(columns), train.values
         shares = np.ones((robot.n_joints, terms.shape[1]))
         shares[:, 0] = LINE_SHARE  # of the constant term
 
         def solved(rows: Any, strength: float) -> FloatArray:
-            return _solved(columns[rows], train.deflection[rows], strength * shares.ravel())
+            return _solved(columns[rows], readings[rows], strength * shares.ravel())
 
         strength = best_strength(train, columns, solved, STRENGTHS, seed)
         of_typical = solved(slice(None), strength).reshape(shares.shape)
+        moved = train.read(springs * typical)
+        shown_size = np.linalg.norm(moved, axis=(0, 1))
+        explained = moved.sum(axis=2)
+        factor = float((explained * readings).sum() / (explained**2).sum())
+        # of joints that no reading shows: by their sizes, at every angle
+        of_typical[shown_size <= RANK_TOLERANCE * shown_size.max(), 0] = max(factor, 0.0)
         self.coefficients_ = of_typical * typical[:, None]
         self.diagnostics_ = {
             "coefficients": float(np.count_nonzero(of_typical)),
@@ -91,9 +100,9 @@ def _terms(robot: Robot, q: FloatArray) -> FloatArray:
     return terms
 
 
-def _solved(columns: FloatArray, deflection: FloatArray, penalties: FloatArray) -> FloatArray:
-    """Return the (n_columns,) coefficients >= 0 of (n, 3, n_columns) and (n, 3) deflections."""
-    rows, target = columns.reshape(-1, columns.shape[2]), deflection.reshape(-1)
+def _solved(columns: FloatArray, readings: FloatArray, penalties: FloatArray) -> FloatArray:
+    """Return the (n_columns,) coefficients >= 0 of (n, m, n_columns) and (n, m) readings."""
+    rows, target = columns.reshape(-1, columns.shape[2]), readings.reshape(-1)
     # of joints that no wrench turns, too, the normal equations stay positive definite
     penalty = penalties * float((rows**2).mean()) * len(columns)
     factor = cholesky(rows.T @ rows + np.diag(penalty))

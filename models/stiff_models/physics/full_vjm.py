@@ -69,12 +69,13 @@ class FullVjm(GeometryModel):
         train, robot = self._placed(train, robot, twists_of, unit_deflections)
         matrix = spring_regressor(robot, train.q, train.wrench, self.springs)
         units, typical = spring_units(robot, self.springs), typical_springs(robot, self.springs)
-        identified = identify_springs(units, matrix, train.deflection, typical, train.pose_id)
+        identified = identify_springs(units, matrix, train, typical)
         n_springs = len(identified.names)
         self.springs_ = identified
         if self.solver == "ridge":
-            rows = matrix.reshape(-1, n_springs)
-            self.compliance_ = least_compliance(rows, train.deflection.reshape(-1), ridge)
+            is_read = train.is_read
+            rows, target = train.read(matrix)[is_read], train.values[is_read]
+            self.compliance_ = least_compliance(rows, target, ridge)
             numbers = {"rank": float(identified.rank), "condition number": identified.condition}
         else:
             self.compliance_ = identified.compliance
@@ -85,7 +86,7 @@ class FullVjm(GeometryModel):
             **numbers,
             **self._geometry_report(),
         }
-        warn_few_samples(len(train), n_springs)
+        warn_few_samples(train, n_springs)
         warn_unexplained(self.compliance_, train)
 
     def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -93,12 +94,13 @@ class FullVjm(GeometryModel):
         return np.asarray(regressor @ self.compliance_)
 
 
-def warn_few_samples(n_samples: int, n_springs: int) -> None:
+def warn_few_samples(samples: Samples, n_springs: int) -> None:
     """Warn if the samples have fewer equations than there are springs."""
-    if 3 * n_samples < n_springs:
+    n_equations = int(samples.is_read.sum())
+    if n_equations < n_springs:
         warn(
-            f"{n_samples} training samples give {3 * n_samples} equations for {n_springs} springs: "
-            "predictions at other poses and loads are unreliable"
+            f"{len(samples)} training samples give {n_equations} equations for {n_springs} "
+            "springs: predictions at other poses and loads are unreliable"
         )
 
 

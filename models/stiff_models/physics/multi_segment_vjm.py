@@ -46,9 +46,9 @@ def search_breakpoints(finest: FloatArray, target: FloatArray, start: IntArray) 
     a trial does not depend on the number of samples.
 
     Args:
-        finest: (n, 3, n_joints, n_candidates + 1) deflection [m] by each of the segments between
+        finest: (n, m, n_joints, n_candidates + 1) reading [m] by each of the segments between
             neighbouring candidates at unit slope.
-        target: (n, 3) measured deflection, m.
+        target: (n, m) readings, m.
         start: (n_joints, n_breakpoints) candidates' numbers to start from, increasing; the
             returned numbers are also increasing.
     """
@@ -156,7 +156,7 @@ class MultiSegmentVjm(GeometryModel):
         }
         matrix = loaded.effects(self.breakpoints_)
         typical = np.repeat(typical_joints(robot), self.segments)
-        identified = identify_springs(springs, matrix, train.deflection, typical, train.pose_id)
+        identified = identify_springs(springs, matrix.reshape(len(train), 3, -1), train, typical)
         self.springs_ = identified.take(loaded.parts(self.breakpoints_).any(axis=0).ravel())
         self.slopes_ = identified.compliance.reshape(robot.n_joints, self.segments)
         springs_report = _named(robot, self.breakpoints_) | self.springs_.report()
@@ -196,7 +196,8 @@ class MultiSegmentVjm(GeometryModel):
         candidates = loaded.quantiles(CANDIDATE_SHARES)
         nearest = np.abs(CANDIDATE_SHARES - shares[:, None]).argmin(axis=1)
         start = np.tile(nearest, (len(candidates), 1))
-        chosen = search_breakpoints(loaded.effects(candidates), train.deflection, start)
+        finest = train.read(loaded.effects(candidates))
+        chosen = search_breakpoints(finest, train.values, start)
         return np.take_along_axis(candidates, chosen, axis=1)
 
 

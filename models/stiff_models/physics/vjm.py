@@ -13,13 +13,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from stiff_models.fitted_model import FittedModel
 from stiff_models.model_catalog import SpringModel, model_info
 from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_protocols.contract.errors import warn
-from stiff_protocols.contract.types import FloatArray, Robot, Samples, TextArray
+from stiff_protocols.contract.types import FloatArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.springs.identification import IdentifiedSprings, identify, typical_joints
 
@@ -36,25 +34,23 @@ def fitted_physics(name: str, samples: Samples, robot: Robot) -> FittedModel:
 def identify_springs(
     springs: Mapping[str, str],
     matrix: FloatArray,
-    target: FloatArray,
+    samples: Samples,
     typical: FloatArray,
-    pose_id: TextArray,
 ) -> IdentifiedSprings:
     """Identify springs by the one definition of `stiff_protocols.springs.identification`.
 
     Args:
         springs: units of the stiffnesses by the springs' names.
         matrix: (n, 3, n_springs) deflection [m] by each spring at unit compliance.
-        target: (n, 3) measured deflection, m.
+        samples: the n samples.
         typical: (n_springs,) typical compliances, up to one factor.
-        pose_id: (n,) poses of the samples.
 
     Raises:
         ModelError: no spring can be identified.
     """
-    pose = np.unique(pose_id, return_inverse=True)[1]
-    rows = matrix.reshape(-1, len(springs))
-    identified = identify(rows, target.reshape(-1), typical, np.repeat(pose, 3))
+    is_read = samples.is_read
+    rows, target = samples.read(matrix)[is_read], samples.values[is_read]
+    identified = identify(rows, target, typical, samples.pose_of_number)
     return IdentifiedSprings(
         **vars(identified), names=tuple(springs), units=tuple(springs.values())
     )
@@ -75,7 +71,7 @@ def identify_joints(robot: Robot, samples: Samples) -> IdentifiedSprings:
     matrix = compliance_regressor(robot, samples.q, samples.wrench)
     springs = dict(zip(robot.joint_names, map(stiffness_unit, robot.joint_types), strict=True))
     typical = typical_joints(robot)
-    return identify_springs(springs, matrix, samples.deflection, typical, samples.pose_id)
+    return identify_springs(springs, matrix, samples, typical)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

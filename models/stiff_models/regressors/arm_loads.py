@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -17,7 +18,14 @@ from stiff_models.physics.fitted_geometry import moved_wrench
 from stiff_models.physics.full_vjm import FullVjm, typical_springs
 from stiff_models.physics.vjm import identify_joints
 from stiff_protocols.contract.errors import StiffBenchWarning
-from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
+from stiff_protocols.contract.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Robot,
+    Samples,
+    read_along,
+)
 
 OWN_AXIS = 2
 """Number of a joint's own spring among its six; 0 and 1 are across it, 3 to 5 of the other kind."""
@@ -121,6 +129,8 @@ class ArmLoads:
         by_weight: (n, 3, n_joints) derivative of the deflection by each joint's weight factor, m.
         order: (n,) number or time of each reading, and approach: (n, n_joints) direction from
             which each joint came; empty: not stated.
+        directions: (n, m, 3) as `Samples.directions`; empty: x, y and z. Where it is stated,
+            columns are (n, m, p) readings.
     """
 
     q: FloatArray
@@ -134,6 +144,7 @@ class ArmLoads:
     by_weight: FloatArray = field(default_factory=lambda: np.empty(0))
     order: FloatArray = field(default_factory=lambda: np.empty(0))
     approach: FloatArray = field(default_factory=lambda: np.empty(0))
+    directions: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def of(cls, robot: Robot, q: FloatArray, wrench: FloatArray, rig: Rig) -> Self:
@@ -151,10 +162,14 @@ class ArmLoads:
         )
         return cls(q, wrench, acting, rotation, twist, load, weight, robot.turns)
 
-    @property
+    @cached_property
     def move(self) -> FloatArray:
-        """(n, 3, n_joints + 1, 6) motion of the TCP by a unit motion of each spring."""
-        return self.twist[:, :3]
+        """(n, 3, n_joints + 1, 6) motion of the TCP, as read, by a unit motion of each spring."""
+        return self.read(self.twist[:, :3])
+
+    def read(self, displacement: FloatArray) -> FloatArray:
+        """Return the (n, m, ...) readings [m] of (n, 3, ...) displacements."""
+        return read_along(self.directions, displacement)
 
     @property
     def joints(self) -> range:
@@ -178,9 +193,10 @@ class ArmLoads:
         return np.asarray(columns.reshape(*columns.shape[:2], -1))
 
     def compliance(self, sizes: Sizes) -> FloatArray:
-        """Return the (n, 3, 6) compliance of the identified linear springs."""
+        """Return the (n, 3, 6) compliance of the identified linear springs, as read."""
         twist = self.twist.reshape(*self.twist.shape[:2], -1)
-        return np.asarray((twist[:, :3] * sizes.springs.ravel()) @ twist.swapaxes(1, 2))
+        move = self.read(twist[:, :3])
+        return np.asarray((move * sizes.springs.ravel()) @ twist.swapaxes(1, 2))
 
 
 def friction_turns(loads: ArmLoads, sizes: Sizes, width: float) -> FloatArray:

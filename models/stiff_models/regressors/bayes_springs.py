@@ -25,7 +25,14 @@ from stiff_models.physics.vjm import warn_no_masses, warn_unexplained
 from stiff_models.pose_folds import FOLDS, folds_of_poses
 from stiff_models.regressors.arm_loads import ArmLoads, Rig, Sizes, friction_blocks, wrench_blocks
 from stiff_models.regressors.calibrated_process import FEWEST_POSES, TRACKER_NOISE
-from stiff_models.regressors.group_scales import LEAST, MOST, GroupedModel, Posterior, joined
+from stiff_models.regressors.group_scales import (
+    LEAST,
+    MOST,
+    GroupedModel,
+    Posterior,
+    diagonals,
+    joined,
+)
 from stiff_models.regressors.joint_curves import joint_curves
 from stiff_models.regressors.spring_groups import (
     GROUP_NAMES,
@@ -35,9 +42,13 @@ from stiff_models.regressors.spring_groups import (
     groups_named,
 )
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples, smallest_vectors
 from stiff_protocols.kinematics.serial_chain import unit_deflections
-from stiff_protocols.springs.identification import CONTRIBUTION, number_with_interval
+from stiff_protocols.springs.identification import (
+    CONTRIBUTION,
+    RANK_TOLERANCE,
+    number_with_interval,
+)
 
 ROUNDS, REWEIGHTINGS = 3, 2
 """Rounds of Gauss-Newton, the first without the searched groups; reweightings in the others."""
@@ -76,7 +87,7 @@ class BayesSprings(NormalModel, GeometryModel):
         errors_: scales of the errors: three of friction, wrench, and independent ones [m].
         error_variance_: (3,) mean variance of the training readings' errors, m^2.
         fold_errors_: (n, 3) errors [m] of the training readings by fits without their poses;
-            NaN with few poses.
+            NaN with few poses. Of fewer than three numbers, the smallest vectors with these errors.
         curves_, springs_: turns and stiffnesses of the joints; see `joint_curves`.
         diagnostics_: report of `springs_`, contribution of each group, weights, force point, noise,
             and geometry.
@@ -125,7 +136,7 @@ class BayesSprings(NormalModel, GeometryModel):
         for number in range(ROUNDS):
             groups = chosen if number else [group for group in chosen if not group.is_searched]
             model = self._grouped(groups, self._loads(robot, train, means), train)
-            readings = train.deflection + self._rig_deflections(groups, model)
+            readings = train.values + self._rig_deflections(groups, model)
             keys = [*groups, *ERRORS]
             firsts = [*FIRST_SHARE * model.typical[:-1], FIRST_NOISE * model.bounds[-1, 0]]
             for _ in range(REWEIGHTINGS if number else 1):
@@ -144,7 +155,8 @@ class BayesSprings(NormalModel, GeometryModel):
         self.errors_ = best_scales[model.n_groups :]
         self.file_variance_ = self._file_variance(groups, model, posterior)
         self._calibrate(model, readings, best_scales, posterior, train, seed)
-        self.error_variance_ = model.error_variance(best_scales).mean(axis=0)
+        self._guess_unseen(groups, model)
+        self.error_variance_ = self._error_variance(model, best_scales)
         loads = ArmLoads.of(robot, train.q, train.wrench, self.rig_)
         fitted = (self._linear, self.coefficients_, self.root_)
         self.curves_, self.springs_ = joint_curves(robot, loads, self.sizes_, *fitted)
@@ -161,11 +173,14 @@ class BayesSprings(NormalModel, GeometryModel):
         `means` are the groups' coefficients; none before the first round.
         """
         loads = ArmLoads.of(robot, train.q, train.wrench, self.rig_)
-        loads = replace(loads, order=train.order, approach=train.approach)
-        slopes = np.zeros((len(train), 3, robot.n_joints))
+        loads = replace(
+            loads, order=train.order, approach=train.approach, directions=train.directions
+        )
+        slopes = np.zeros((*train.is_read.shape, robot.n_joints))
         if means:
             heavier = replace(self.rig_, weight_factor=self.rig_.weight_factor + WEIGHT_STEP)
             moved = ArmLoads.of(robot, train.q, train.wrench, heavier)
+            moved = replace(moved, directions=train.directions)
             for group, coefficients in means.items():
                 if isinstance(group, LostMotion):
                     first, second = (group.columns(of, self.sizes_) for of in (loads, moved))
@@ -174,7 +189,7 @@ class BayesSprings(NormalModel, GeometryModel):
         return replace(loads, by_weight=slopes)
 
     def _rig_deflections(self, groups: Sequence[Group], model: GroupedModel) -> FloatArray:
-        """Return the (n, 3) deflections [m] by the current values of the searched groups."""
+        """Return the (n, m) readings [m] by the current values of the searched groups."""
         deflections = np.zeros(model.columns.shape[:2])
         for place, group in enumerate(groups):
             if group.is_searched:
@@ -183,29 +198,41 @@ class BayesSprings(NormalModel, GeometryModel):
         return deflections
 
     @staticmethod
+    def _error_variance(model: GroupedModel, scales: FloatArray) -> FloatArray:
+        """Return the (3,) mean variances [m^2] of the readings' errors; of directions, one mean."""
+        variance = model.error_variance(scales)
+        if model.is_read.shape[1] == len(AXES) and model.is_read.all():
+            return np.asarray(variance.mean(axis=0))
+        return np.full(len(AXES), variance[model.is_read].mean())
+
+    @staticmethod
     def _file_variance(groups: Sequence[Group], model: GroupedModel, posterior: Posterior) -> float:
         """Return the variance [m^2] of a reading by drift and approach, unknown at other rows."""
         needed = np.array([bool(group.needs) for group in groups])[model.group_of]
-        moved = model.columns[:, :, needed] @ posterior.mean[needed]
+        moved = (model.columns[:, :, needed] @ posterior.mean[needed])[model.is_read]
         return float((moved**2).mean())
 
     def _grouped(self, groups: Sequence[Group], loads: ArmLoads, train: Samples) -> GroupedModel:
         """Return the model of the groups and errors, with equal weights of the samples."""
         columns, group_of = joined([group.columns(loads, self.sizes_) for group in groups])
-        independent = np.broadcast_to(np.eye(3), (len(train), 3, 3))
-        blocks = [*self._error_blocks(loads), independent]
+        blocks = [*self._error_blocks(loads), diagonals(train.is_read)]
         typical = [group.scale for group in groups]
         typical += [FRICTION_SCALE] * len(FRICTION_WIDTHS) + [WRENCH_SCALE]
         noise = train.instrument_noise or TRACKER_NOISE
-        size = float(np.sqrt((train.deflection**2).mean()))
+        size = float(np.sqrt((train.values[train.is_read] ** 2).mean()))
         bounds = [(LEAST * scale, MOST * scale) for scale in typical]
         bounds.append((noise, max(MOST_NOISE * noise, MOST_SHARE * size)))
         return GroupedModel(
-            columns, group_of, np.stack(blocks), np.array([*typical, math.inf]), np.array(bounds)
+            columns,
+            group_of,
+            np.stack(blocks),
+            np.array([*typical, math.inf]),
+            np.array(bounds),
+            train.is_read,
         )
 
     def _error_blocks(self, loads: ArmLoads) -> list[FloatArray]:
-        """Return the (n, 3, 3) covariances of friction and wrench at a scale of 1, m^2."""
+        """Return the (n, m, m) covariances of friction and wrench at a scale of 1, m^2."""
         friction = [friction_blocks(loads, self.sizes_, width) for width in FRICTION_WIDTHS]
         return [*friction, wrench_blocks(loads, self.sizes_)]
 
@@ -225,22 +252,36 @@ class BayesSprings(NormalModel, GeometryModel):
         """
         count, self.calibration_ = len(self.coefficients_), 1.0
         roots, means, shares = [posterior.root[:count]], [], []
-        self.fold_errors_ = np.full(readings.shape, np.nan)
+        fold_errors = np.full(readings.shape, np.nan)
         if len(np.unique(train.pose_id)) >= FEWEST_POSES:
             for rows, left_out in folds_of_poses(train, seed):
                 part, tested = model.take(rows), model.take(left_out)
                 best_scales = part.searched(readings[rows], scales, FOLD_STEPS)
                 of_part = part.posterior(readings[rows], best_scales)
                 error = tested.columns @ of_part.mean - readings[left_out]
-                self.fold_errors_[left_out] = error
+                fold_errors[left_out] = error
                 variance = ((tested.columns @ of_part.root) ** 2).sum(axis=2)
-                shares.append(error / np.sqrt(variance + tested.error_variance(best_scales)))
+                variance += tested.error_variance(best_scales)
+                shares.append(error[tested.is_read] / np.sqrt(variance[tested.is_read]))
                 means.append(of_part.mean[:count])
             sizes = np.abs(np.concatenate(shares))
             self.calibration_ = float(np.quantile(sizes, TAIL)) / NORMAL_TAIL
             scatter = np.array(means) - np.mean(means, axis=0)
             roots = [self.calibration_ * roots[0], math.sqrt((FOLDS - 1.0) / FOLDS) * scatter.T]
         self.root_ = np.hstack(roots)
+        is_whole = not train.directions.size
+        self.fold_errors_ = (
+            fold_errors if is_whole else smallest_vectors(train.directions, fold_errors)
+        )
+
+    def _guess_unseen(self, groups: Sequence[Group], model: GroupedModel) -> None:
+        """Give springs that no reading shows their usual coefficient, as uncertain as large."""
+        count = len(self.coefficients_)
+        usual = np.array([group.usual for group in groups])[model.group_of[:count]]
+        shown_size = usual * np.linalg.norm(model.columns[:, :, :count], axis=(0, 1))
+        if (unseen := (usual > 0.0) & (shown_size <= RANK_TOLERANCE * shown_size.max())).any():
+            self.coefficients_[unseen], self.root_[unseen] = usual[unseen], 0.0
+            self.root_ = np.hstack([self.root_, np.diag(usual)[:, unseen]])
 
     def predict_reading(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Return the (n, 3) deflection [m] that the training samples' rig would read.

@@ -14,6 +14,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from stiff_models.physics.full_vjm import TURN_RATIO
 from stiff_models.regressors.arm_loads import OWN_AXIS, ArmLoads, Rig, Sizes, friction_turns
 from stiff_protocols.contract.types import FloatArray
 
@@ -36,6 +37,7 @@ class Group:
         part: "robot", or "rig": explains the file and is left out of predictions.
         scale: typical standard deviation of a coefficient; its prior is exponential.
         needs: what samples must state for it, a field of `Samples`; "" for nothing more.
+        usual: coefficient by the joints' sizes, of a column that no reading shows.
     """
 
     name: ClassVar[str]
@@ -43,6 +45,7 @@ class Group:
     part: ClassVar[Literal["robot", "rig"]] = "robot"
     scale: ClassVar[float] = 0.15
     needs: ClassVar[str] = ""
+    usual: ClassVar[float] = 0.0
     is_searched: ClassVar[bool] = False
     """Whether the columns depend on the coefficients, which are found in rounds (Gauss-Newton)."""
 
@@ -74,7 +77,7 @@ class Group:
 class JointLines(Group):
     """Linear springs of the joints: d = sum_j a_j c_j t_j."""
 
-    name, scale = "joints", 2.0
+    name, scale, usual = "joints", 2.0, 1.0
 
     def columns(self, loads: ArmLoads, sizes: Sizes) -> FloatArray:
         """Return a column per joint."""
@@ -84,7 +87,7 @@ class JointLines(Group):
 class Tilts(Group):
     """Linear springs of the bearings across the joints' axes: d = sum_s a_s c_s t_s."""
 
-    name, scale = "bearings", 0.5
+    name, scale, usual = "bearings", 0.5, 1.0 / TURN_RATIO
 
     def columns(self, loads: ArmLoads, sizes: Sizes) -> FloatArray:
         """Return two columns per joint."""
@@ -244,7 +247,7 @@ class Drift(Group):
         share = since / (since.max() or 1.0)
         bumps = np.exp(-0.5 * ((share[:, None] - DRIFT_PLACES) / DRIFT_WIDTH) ** 2)
         axes = np.einsum("nb,kl->nkbl", bumps, np.eye(3)) * DRIFT_UNIT
-        return np.asarray(axes.reshape(len(since), 3, -1))
+        return loads.read(axes.reshape(len(since), 3, -1))
 
 
 class WeightFactors(Group):
@@ -297,7 +300,7 @@ class CrossTalk(Group):
         """Return 36 columns, with the linear springs' compliance C."""
         soft = loads.compliance(sizes) * sizes.wrench
         columns = soft[..., None] * (loads.written / sizes.wrench)[:, None, None]
-        return np.asarray(columns.reshape(len(soft), 3, 36) * CROSS_UNIT)
+        return np.asarray(columns.reshape(*soft.shape[:2], 36) * CROSS_UNIT)
 
     def coefficients(self, rig: Rig, sizes: Sizes) -> FloatArray:
         """Return the shares in units of the wrench's sizes."""

@@ -144,7 +144,10 @@ class Evaluation:
             if as_measured
             else {}
         )
-        return Prediction(rows, values, measured, interval, reference, bound_deflections)
+        directions = samples.directions[rows] if samples.directions.size else samples.directions
+        return Prediction(
+            rows, values, measured, interval, reference, bound_deflections, directions
+        )
 
 
 def training_side(

@@ -224,13 +224,27 @@ def interface_fault(model: object) -> str:
     return ""
 
 
+MODELS_OF_READINGS = (
+    "bayes-springs",
+    "curve-springs",
+    "fourier-springs",
+    "vjm",
+    "vjm-full",
+    "vjm-multisegment",
+)
+"""Keys of the shipped models with `takes_directions`."""
+
+
 def check_readings(model: object, samples: Samples) -> None:
     """Raise ConfigError if samples were read along directions that a model cannot learn from."""
-    n = samples.directions.shape[1] if samples.directions.size else 0
-    if n and not getattr(model, "takes_directions", False):
+    if samples.directions.size and not getattr(model, "takes_directions", False):
+        numbers = samples.is_read.sum(axis=1)
+        few, most = int(numbers.min()), int(numbers.max())
+        count = f"{few} to {most}" if few < most else f"{most}"
         raise ConfigError(
             f"{type(model).__name__} learns from deflections along x, y and z; these samples have "
-            f"{n} number{'s' * (n > 1)} a row, each along a direction of its own"
+            f"{count} number{'s' * (most > 1)} a row, each along a direction of its own (valid: "
+            f"{', '.join(MODELS_OF_READINGS)})"
         )
 
 

@@ -82,8 +82,9 @@ class Samples(ShownObject):
         approach: (n, n_joints) direction from which each joint reached the pose, 1 or -1; 0: it
             did not move.
         after: (n, 3) displacement of the TCP that stays after the load is removed, m, base frame.
-        directions: (n, m, 3) unit vectors, base frame, along which one to three numbers were read;
-            `deflection` is then the smallest vector with these `values`. Empty: x, y and z.
+        directions: (n, m, 3) unit vectors, base frame, along which one to three numbers were read,
+            and zero vectors in rows with fewer than m; `deflection` is then the smallest vector
+            with these `values`. Empty: x, y and z.
     """
 
     q: FloatArray
@@ -127,21 +128,44 @@ class Samples(ShownObject):
             raise DataError("approach holds other numbers than 1, -1 and 0")
         if not self.directions.size:
             return
-        lengths = np.linalg.norm(self.directions, axis=2)
-        if not np.allclose(lengths, 1.0, rtol=0.0, atol=_UNIT_LENGTH_TOLERANCE):
+        lengths, is_read = np.linalg.norm(self.directions, axis=2), self.is_read
+        if (is_read & (np.abs(lengths - 1.0) > _UNIT_LENGTH_TOLERANCE)).any():
             raise DataError("directions holds vectors whose length is not 1")
-        if (np.linalg.matrix_rank(self.directions) < self.directions.shape[1]).any():
+        if not is_read.any(axis=1).all():
+            raise DataError("directions holds a sample without a number")
+        if (np.linalg.matrix_rank(self.directions) < is_read.sum(axis=1)).any():
             raise DataError("directions holds several numbers along one direction")
-        smallest = np.linalg.pinv(self.directions) @ self.values[..., None]
-        if np.abs(smallest[..., 0] - self.deflection).max() > _SPAN_TOLERANCE:
+        smallest = smallest_vectors(self.directions, self.values)
+        if np.abs(smallest - self.deflection).max() > _SPAN_TOLERANCE:
             raise DataError("deflection has a part outside its directions")
 
     @property
     def values(self) -> FloatArray:
-        """(n, m) numbers that were read along `directions`, m."""
+        """(n, m) numbers that were read along `directions`, m; 0 where `is_read` is false."""
+        return self.read(self.deflection)
+
+    @property
+    def is_read(self) -> BoolArray:
+        """(n, m) true for numbers that were read."""
         if not self.directions.size:
-            return self.deflection
-        return np.asarray((self.directions @ self.deflection[..., None])[..., 0])
+            return np.ones(self.deflection.shape, dtype=bool)
+        return np.asarray(self.directions.any(axis=2))
+
+    @property
+    def pose_of_number(self) -> IntArray:
+        """(k,) numbers of the poses, from 0, of the k numbers where `is_read` is true."""
+        pose = np.unique(self.pose_id, return_inverse=True)[1]
+        return np.repeat(pose, self.is_read.sum(axis=1))
+
+    def read(self, displacement: FloatArray) -> FloatArray:
+        """Return the (n, m, ...) numbers that would be read of (n, 3, ...) displacements, m."""
+        return read_along(self.directions, displacement)
+
+    def seen(self, displacement: FloatArray) -> FloatArray:
+        """Return the part of (n, 3) displacements [m] that the readings show."""
+        if not self.directions.size:
+            return displacement
+        return smallest_vectors(self.directions, self.read(displacement))
 
     def __len__(self) -> int:
         return len(self.q)
@@ -179,12 +203,13 @@ class Samples(ShownObject):
     def together(cls, *parts: Samples) -> Self:
         """Return the samples of all parts, in their order, with their largest noise.
 
-        What one of them does not state is left out, except directions: DataError.
+        What one of them does not state is left out; directions become those of all.
         """
         parts = tuple(part for part in parts if len(part)) or parts[:1]
+        most = max(part.is_read.shape[1] for part in parts)
+        if any(part.directions.size for part in parts):
+            parts = tuple(replace(part, directions=_padded(part, most)) for part in parts)
         names = [n for n in parts[0].columns if all(n in part.columns for part in parts)]
-        if "directions" not in names and any(part.directions.size for part in parts):
-            raise DataError("some samples were read along x, y and z, others along directions")
         columns = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
         return cls(**columns, instrument_noise=max(part.instrument_noise for part in parts))
 
@@ -193,6 +218,28 @@ _COLUMNS = ("q", "wrench", "deflection", "pose_id", "load_id", "group")
 """Fields of `Samples` with a row per sample that are always stated."""
 _OPTIONAL = ("order", "approach", "after", "directions")
 """Those that a file may state."""
+
+
+def read_along(directions: FloatArray, displacement: FloatArray) -> FloatArray:
+    """Return the (n, m, ...) numbers along directions of (n, 3, ...) displacements, m.
+
+    `directions` are (n, m, 3) as `Samples.directions`; empty: the displacements.
+    """
+    if not directions.size:
+        return displacement
+    return np.asarray(np.einsum("nmk,nk...->nm...", directions, displacement))
+
+
+def smallest_vectors(directions: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the smallest (n, 3) vectors with (n, m) values along (n, m, 3) directions."""
+    return np.asarray((np.linalg.pinv(directions) @ values[..., None])[..., 0])
+
+
+def _padded(samples: Samples, most: int) -> FloatArray:
+    """Return the (n, most, 3) directions of samples, with zero vectors where there are fewer."""
+    axes = np.broadcast_to(np.eye(3), (len(samples), 3, 3))
+    directions = samples.directions if samples.directions.size else axes
+    return np.pad(directions, ((0, 0), (0, most - directions.shape[1]), (0, 0)))
 
 
 def _range(vectors: FloatArray) -> str:
@@ -307,6 +354,7 @@ class Prediction(BriefFields):
             training rows; None if not available.
         bound_deflections: name of `BOUND_NAMES`, `TRUTH` or `DRAWN` -> (n, 3) m, base frame, for
             simulated data.
+        directions: (n, m, 3) as `Samples.directions`; empty: x, y and z were measured.
     """
 
     rows: IntArray
@@ -315,10 +363,12 @@ class Prediction(BriefFields):
     interval: Interval | None = None
     reference: FloatArray | None = None
     bound_deflections: Mapping[str, FloatArray] = field(default_factory=dict)
+    directions: FloatArray = field(default_factory=_not_stated)
 
     def __post_init__(self) -> None:
         n = len(self.rows)
         freeze(self, predicted=(n, 3), measured=(n, 3))
+        freeze(self, directions=(n, None, 3) if np.size(self.directions) else (0,))
         if self.reference is not None:
             freeze(self, reference=(n, 3))
         if self.interval is not None and len(self.interval.lower) != n:
@@ -331,8 +381,15 @@ class Prediction(BriefFields):
         Checking 35,000 predictions takes longer than a leaderboard.
         """
         made = object.__new__(cls)
-        vars(made).update(arrays)
+        vars(made).update({"directions": _not_stated(), **arrays})
         return made
+
+    def errors(self, predicted: FloatArray) -> FloatArray:
+        """Return the (n, 3) errors [m] of (n, 3) predictions, as far as readings show them."""
+        errors = predicted - self.measured
+        if not self.directions.size:
+            return errors
+        return smallest_vectors(self.directions, read_along(self.directions, errors))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

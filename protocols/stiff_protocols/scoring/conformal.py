@@ -24,6 +24,7 @@ from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewTo
 from stiff_protocols.contract.stiffness_model import StiffnessModel
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import (
+    AXES,
     Deflection,
     FloatArray,
     Interval,
@@ -53,7 +54,7 @@ class SplitConformal(StiffnessModel):
         coverage: probability (0..1) of an interval, per axis.
         model_: the copy, fitted to the other poses.
         residuals_: (n, 3) m, absolute errors on one row of each calibration pose, over
-            `TrainingRange.stretch`.
+            `TrainingRange.stretch`. Of readings along directions, the largest on each axis.
     """
 
     model: StiffnessModel
@@ -82,6 +83,10 @@ class SplitConformal(StiffnessModel):
         _, one_a_pose = np.unique(train.pose_id[shuffled], return_index=True)
         calibration = train.take(shuffled[one_a_pose])
         error = np.abs(self.predict(calibration.q, calibration.wrench) - calibration.deflection)
+        if calibration.directions.size:  # an axis may err as much as a reading
+            predicted = calibration.read(self.predict(calibration.q, calibration.wrench))
+            largest = np.abs(predicted - calibration.values).max(axis=1, keepdims=True)
+            error = np.repeat(largest, len(AXES), axis=1)
         stretch = self.training_range_.stretch(calibration.q, calibration.wrench)
         self.residuals_ = error / stretch[:, None]
         return self

@@ -22,7 +22,15 @@ import numpy as np
 
 from stiff_protocols.contract.errors import unknown_name
 from stiff_protocols.contract.record import CellResult, Cost
-from stiff_protocols.contract.types import AXES, DRAWN, TRUTH, BoolArray, FloatArray, Prediction
+from stiff_protocols.contract.types import (
+    AXES,
+    DRAWN,
+    TRUTH,
+    BoolArray,
+    FloatArray,
+    Prediction,
+    read_along,
+)
 
 WHOLE_VECTOR = ("",)
 """The axes of a metric with a single value."""
@@ -63,6 +71,8 @@ class Metric:
         computed: FloatArray | float | None = None
         if self.needs_interval and prediction.interval is None:
             return {}
+        if self.axes == AXES and prediction.directions.size:
+            return {}  # the readings are not along them
         if self.of_prediction is not None:
             computed = self.of_prediction(prediction)
         elif self.of_cost is not None and cost is not None:
@@ -80,12 +90,20 @@ class Metric:
 
 def absolute_errors(prediction: Prediction) -> FloatArray:
     """Return the (n, 3) absolute errors, m."""
-    return np.abs(prediction.predicted - prediction.measured)
+    return np.abs(prediction.errors(prediction.predicted))
 
 
 def norm_errors(prediction: Prediction) -> FloatArray:
-    """Return the (n,) Euclidean lengths of the error, m."""
-    return _lengths(prediction.predicted - prediction.measured)
+    """Return the (n,) Euclidean lengths of the error, m; of a single reading, its error."""
+    return _lengths(prediction.errors(prediction.predicted))
+
+
+def reading_errors(prediction: Prediction) -> FloatArray:
+    """Return the (n,) mean absolute errors of the numbers that were read in each row, m."""
+    directions = prediction.directions
+    errors = read_along(directions, prediction.predicted - prediction.measured)
+    counts = directions.any(axis=2).sum(axis=1) if directions.size else errors.shape[1]
+    return np.asarray(np.abs(errors).sum(axis=1) / counts)
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:
@@ -138,7 +156,7 @@ def _removed(prediction: Prediction) -> FloatArray | None:
 def _skill(prediction: Prediction) -> FloatArray | None:
     if prediction.reference is None:
         return None
-    reference = float(_lengths(prediction.reference - prediction.measured).mean())
+    reference = float(_lengths(prediction.errors(prediction.reference)).mean())
     return np.asarray(1.0 - norm_errors(prediction).mean() / reference) if reference > 0.0 else None
 
 
@@ -165,9 +183,20 @@ def _true_lengths(
 
 
 def _inside(prediction: Prediction) -> BoolArray:
-    """Return (n, 3) true for deflections in their intervals, bounds included."""
-    interval, measured = prediction.interval, prediction.measured
+    """Return (n, 3) true for deflections, or readings, in their intervals, bounds included.
+
+    The interval of a reading along a direction holds all deflections in the intervals of the axes.
+    """
+    interval, measured, directions = (
+        prediction.interval,
+        prediction.measured,
+        prediction.directions,
+    )
     assert interval is not None  # else the metric has no value
+    if directions.size:
+        middle, half = (interval.lower + interval.upper) / 2, (interval.upper - interval.lower) / 2
+        distance = np.abs(read_along(directions, measured - middle))
+        return np.asarray(distance <= read_along(np.abs(directions), half))
     return (interval.lower <= measured) & (measured <= interval.upper)
 
 
@@ -204,6 +233,13 @@ METRICS = {
             "m",
             "mean 3-D error, the length of the error vector",
             _of_norm(np.mean),
+        ),
+        _single_value(
+            "reading",
+            "error of a reading",
+            "m",
+            "mean absolute error of a number that was read: along x, y, z or a gauge's direction",
+            lambda prediction: np.asarray(reading_errors(prediction).mean()),
         ),
         _single_value(
             "norm-p95", "3-D error P95", "m", "95th percentile of the 3-D error", _of_norm(_P95)

@@ -19,7 +19,9 @@ def made(rng):
     blocks = np.stack([roots @ roots.swapaxes(1, 2), np.tile(np.eye(3), (N, 1, 1))])
     typical = np.array([1.0, 0.3, 0.5, np.inf])
     bounds = np.array([[1e-3, 20.0]] * 4)
-    return GroupedModel(columns, group_of, blocks, typical, bounds), rng.normal(size=(N, 3))
+    is_read = np.ones((N, 3), dtype=bool)
+    model = GroupedModel(columns, group_of, blocks, typical, bounds, is_read)
+    return model, rng.normal(size=(N, 3))
 
 
 def covariance(model, scales):
@@ -71,7 +73,8 @@ def test_the_scales_of_drawn_coefficients_and_errors_are_found_and_an_idle_group
     readings = columns @ coefficients + 0.3 * rng.normal(size=(n, 3))
     blocks = np.tile(np.eye(3), (1, n, 1, 1))
     bounds = np.array([[1e-4, 20.0]] * 4)
-    model = GroupedModel(columns, group_of, blocks, np.array([1.0, 1.0, 1.0, np.inf]), bounds)
+    typical, is_read = np.array([1.0, 1.0, 1.0, np.inf]), np.ones((n, 3), dtype=bool)
+    model = GroupedModel(columns, group_of, blocks, typical, bounds, is_read)
     scales = model.searched(readings, np.full(4, 0.5), 100)
     assert scales[1] < 0.02
     assert scales[[0, 2]] == pytest.approx([2.0, 0.5], rel=0.3)
@@ -83,6 +86,11 @@ def test_some_samples_of_a_model_are_the_model_of_these_samples(made, rng):
     rows = np.array([7, 2, 5])
     part = model.take(rows)
     expected = GroupedModel(
-        model.columns[rows], model.group_of, model.blocks[:, rows], model.typical, model.bounds
+        model.columns[rows],
+        model.group_of,
+        model.blocks[:, rows],
+        model.typical,
+        model.bounds,
+        model.is_read[rows],
     )
     assert part._loss(readings[rows], SCALES)[0] == expected._loss(readings[rows], SCALES)[0]

@@ -103,8 +103,7 @@ def test_samples_together_state_what_each_of_them_states():
     assert set(STATED) <= {*Samples.together(nothing, stated).columns}
     without = replace(make(), directions=STATED["directions"])
     assert Samples.together(stated, without).order.size == 0
-    with pytest.raises(DataError, match="along directions"):
-        Samples.together(stated, make())
+    np.testing.assert_array_equal(Samples.together(stated, make()).values[2:], make().deflection)
 
 
 def test_a_reading_along_one_direction_is_its_value_along_it(rng):
@@ -114,6 +113,21 @@ def test_a_reading_along_one_direction_is_its_value_along_it(rng):
     samples = make(deflection=values * directions[:, 0], directions=directions)
     np.testing.assert_allclose(samples.values, values)
     np.testing.assert_array_equal(make().values, make().deflection)
+    np.testing.assert_allclose(
+        samples.seen(np.ones((2, 3))), samples.read(np.ones((2, 3))) * directions[:, 0]
+    )
+
+
+def test_rows_may_have_one_two_or_three_numbers():
+    upwards, three = np.array([[[0.0, 0.0, 1.0]]] * 2), make()
+    samples = Samples.together(
+        make(deflection=make().deflection * [0, 0, 1], directions=upwards), three
+    )
+    assert samples.is_read.sum(axis=1).tolist() == [1, 1, 3, 3]
+    assert samples.pose_of_number.shape == (8,)
+    np.testing.assert_array_equal(samples.values[samples.is_read][2:], three.deflection.ravel())
+    with pytest.raises(DataError, match="without a number"):
+        make(deflection=np.zeros((2, 3)), directions=np.zeros((2, 1, 3)))
 
 
 def test_samples_of_another_number_of_joints_do_not_fit_a_robot(kr10):
