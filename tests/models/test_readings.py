@@ -149,7 +149,7 @@ def test_a_turn_that_no_gauge_shows_is_named(rows):
         quick("vjm").fit(upwards, robot=robot)
 
 
-def test_metrics_of_readings_are_those_of_their_numbers(rng):
+def test_metrics_of_readings_count_their_numbers(rng):
     directions = rng.normal(size=(40, 1, 3))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     truth, errors = rng.normal(size=(40, 3)), rng.normal(size=(40, 3))
