@@ -23,8 +23,9 @@ from stiff_bench.parameter_types import (
     Form,
     HeldJoints,
     Point,
+    PoseTolerance,
 )
-from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
+from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
 AtMost1024 = Annotated[int, Bounds(at_least=1, at_most=1024)]
@@ -76,6 +77,28 @@ def name_robot(
     return None
 
 
+def name_file_options(
+    no_torque: bool = False,
+    sheet: str | None = None,
+    pose_tolerance: PoseTolerance = POSE_TOLERANCE,
+    register: bool = False,
+    hook: Point | None = None,
+) -> FileOptions:
+    """Return the options of a file.
+
+    Args:
+        no_torque: torques were not measured: their columns may be missing, or zero.
+        sheet: sheet of an Excel file; by default the only one with a table.
+        pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
+            most this, in deg (prismatic joints: mm).
+        register: positions are in a tracker's frame: turn the deflections to the base frame, by the
+            unloaded positions and the joint angles.
+        hook: where weights hang and ropes pull (`mass_kg`, `pull_N`), in the frame of the last
+            link, in m; by default the TCP.
+    """
+    return FileOptions(no_torque, sheet, pose_tolerance, register, hook)
+
+
 def find_dataset(
     key: str, robot: sb.Robot | None, options: FileOptions, settings: Sequence[str] = ()
 ) -> sb.Dataset:
@@ -97,8 +120,8 @@ def find_dataset(
     if robot is not None or options != DEFAULTS or path.is_file():
         raise ConfigError(
             f"{key}: not a file of samples (valid: .csv, .xlsx or .parquet; a KEY takes no "
-            "--robot, --urdf, --tip, --base, --hold, --tcp, --no-torque, --sheet, --pose-tolerance "
-            "or --register)"
+            "--robot, --urdf, --tip, --base, --hold, --tcp, --no-torque, --sheet, "
+            "--pose-tolerance, --register or --hook)"
         )
     return sb.Dataset(chosen_dataset(key, settings, registry()))
 
@@ -114,8 +137,8 @@ def find_own_data(
     """
     if not data and (robot is not None or options != DEFAULTS):
         raise ConfigError(
-            "--robot, --urdf, --no-torque, --sheet, --pose-tolerance and --register require "
-            "--data FILE"
+            "--robot, --urdf, --no-torque, --sheet, --pose-tolerance, --register and --hook "
+            "require --data FILE"
         )
     return [sb.Dataset.of_file(file, robot, options) for file in data]
 
@@ -217,7 +240,7 @@ class Limits:
 MAKERS: dict[str, Callable[..., Any]] = {
     "Dataset": find_dataset,
     "Execution": Execution,
-    "FileOptions": FileOptions,
+    "FileOptions": name_file_options,
     "Limits": Limits,
     "Model": read_model,
     "Results": open_results,

@@ -32,7 +32,7 @@ SPELLINGS = {
 """Parameter -> its option, if the name differs; a sequence of `models` is a repeated --model."""
 HEADINGS = {
     **{"select": "Selection", "Execution": "Computation", "Limits": "Computation"},
-    **dict.fromkeys(("name_robot", "find_own_data", "FileOptions"), "Your own data"),
+    **dict.fromkeys(("name_robot", "find_own_data", "name_file_options"), "Your own data"),
 }
 """Function or class -> heading of its parameters; the others are below "Options"."""
 GROUPS = {name: Group.create_ordered(name) for name in ("Options", *HEADINGS.values())}

@@ -35,6 +35,13 @@ from stiff_datasets.planning.plan_gain import (
     plan_gain,
     variance_gain,
 )
+from stiff_datasets.planning.reading_plan import (
+    ReadingPlan,
+    axis_directions,
+    candidate_readings,
+    chosen_readings,
+    force_directions,
+)
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -43,7 +50,8 @@ from stiff_protocols.contract.errors import (
 )
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.stiffness_model import offers
-from stiff_protocols.contract.types import Robot, Samples
+from stiff_protocols.contract.types import Robot, Samples, read_along
+from stiff_protocols.springs.unseen_joints import unseen_joints_texts
 
 PLANNING_MODEL = "bayes-springs"
 """Model that the next poses are chosen for, by default; its priors hold for any number of poses."""
@@ -52,6 +60,9 @@ FIRST_POSES, NEXT_POSES = 60, 10
 FEWEST_CANDIDATES, CANDIDATES_A_POSE = 2000, 10
 WORKSPACE_POSES = 500
 """Number of random loads that represent the reachable workspace."""
+POSES_A_READING = 2
+"""Random poses to choose from, per reading. More leave the extreme ones, where friction and curves
+of the springs are badly seen."""
 FEWEST_FOR_KERNELS = 10
 """Fewest poses to plan with a Gaussian process: with fewer its length scales are meaningless."""
 
@@ -66,12 +77,19 @@ class PlanOptions:
     payload_kg: float
     clearance: float
     seed: int
+    weights: bool = False
 
     def draw_candidates(self, robot: Robot, n_poses: int, further: int = 0) -> MeasurementPlan:
         """Draw candidates for a choice of `n_poses` poses, and further random loads."""
         n = further + (self.candidates or max(FEWEST_CANDIDATES, CANDIDATES_A_POSE * n_poses))
-        limits = {"payload_kg": self.payload_kg, "clearance": self.clearance}
-        return candidate_plan(robot, n, seed=self.seed, **limits)
+        return candidate_plan(
+            robot,
+            n,
+            seed=self.seed,
+            payload_kg=self.payload_kg,
+            clearance=self.clearance,
+            weights=self.weights,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +117,16 @@ class PosePlan:
 
         `option_words` are command line options that name the robot and describe the file.
         """
-        size = np.linalg.norm(self.plan.wrench[0, :3])
+        sizes = np.linalg.norm(self.plan.wrench[:, :3], axis=1)
+        size = f"{sizes.max():.1f}"
+        if sizes.max() - sizes.min() > 1.0:  # drawn
+            size = f"{sizes.min():.1f} to {size}"
         after = f" after {measured.file}" if measured else ""
         file_to_check = measured.file if measured else str(file)
         append = f", and append the rows to {measured.file}" if measured else ""
         lines = [
             f"{file}: {counted(len(self.plan.q), 'pose')} of {robot.name}{after}, one suggested "
-            f"force each ({size:.1f} N at the TCP, {FORCE_SHARE:.0%} of the payload)",
+            f"force each ({size} N at the TCP, {FORCE_SHARE:.0%} of the payload)",
             "",
             *self.findings,
             "Checked: joint limits, the arm's centre line against base column and ground.",
@@ -144,9 +165,83 @@ def first_plan(robot: Robot, how: PlanOptions) -> PosePlan:
         f"D-efficiency {gain.efficiency:.2f} relative to the mean random plan, "
         f"{gain.efficiency_over_best:.2f} relative to the best one{worse}.",
     ]
+    unseen_texts = unseen_joints_texts(robot, plan.q, plan.wrench, np.empty(0))
+    findings += [f"{text[0].upper()}{text[1:]}." for text in unseen_texts]
     if unseen := [joint for joint in robot.joint_names if joint not in gain.joints]:
-        findings.append(f"Not identifiable with this TCP: {', '.join(unseen)}.")
+        loads = "these weights" if how.weights else "this TCP"
+        findings.append(f"Not identifiable with {loads}: {', '.join(unseen)}.")
     return PosePlan(plan, gain, findings)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingChoice:
+    """A plan of a gauge's readings.
+
+    Attributes:
+        plan: planned readings.
+        unseen: texts on joints that no force turns, or whose turn no axis shows.
+    """
+
+    plan: ReadingPlan
+    unseen: list[str]
+
+    def report(self, file: Path, robot: Robot, option_words: str) -> str:
+        """Return a text on the plan and the next steps with its `file`; see `PosePlan.report`."""
+        plan = self.plan
+        sizes = np.linalg.norm(plan.force, axis=1)
+        n_poses = len(np.unique(plan.pose_id))
+        lines = [
+            f"{file}: {counted(len(plan.q), 'reading')} at {counted(n_poses, 'pose')} of "
+            f"{robot.name}, forces of {sizes.min():.1f} to {sizes.max():.1f} N",
+            "",
+            *(f"{text[0].upper()}{text[1:]}." for text in self.unseen),
+            "Checked: joint limits, the arm's centre line against base column and ground.",
+            "Not checked: room for the weight, the rope and the gauge's stand; shape of links and "
+            "tool; surroundings. Approach each pose slowly.",
+            "",
+            "Next: measure, fill in reading0_mm (unloaded) and reading1_mm (loaded), replace "
+            "masses and pulls by the actual ones; then",
+            f"  bench data validate {shlex.quote(str(file))}{option_words}",
+        ]
+        return "\n".join(lines)
+
+
+def reading_plan(
+    robot: Robot,
+    how: PlanOptions,
+    readings: int,
+    forces: str,
+    axes: str,
+    hook: Sequence[float] | None,
+) -> ReadingChoice:
+    """Return a plan of readings of a dial gauge.
+
+    Args:
+        robot: robot to measure.
+        how: options of the choice; `candidates` is the number of random poses.
+        readings: number of readings.
+        forces: such as "weight,pull:0,1,0"; directions in the base frame.
+        axes: axes of the gauge, such as "z,y".
+        hook: (3,) where the forces act, frame of the last link, m; None: at the TCP.
+
+    Raises:
+        ConfigError: an argument is wrong.
+    """
+    pool = candidate_readings(
+        robot,
+        how.candidates or POSES_A_READING * readings,
+        force_directions(forces, robot),
+        axis_directions(axes),
+        seed=how.seed,
+        payload_kg=how.payload_kg,
+        clearance=how.clearance,
+        hook=robot.tcp_on_flange if hook is None else np.array(hook),
+    )
+    rows = read_along(pool.direction[:, None], regressor(robot, pool.q, pool.wrench))
+    design = SpringDesign(rows, how.criterion or "d-optimal")
+    plan = chosen_readings(pool, readings, design)
+    texts = unseen_joints_texts(robot, plan.q, plan.wrench, plan.direction[:, None])
+    return ReadingChoice(plan, texts)
 
 
 @dataclass(frozen=True, eq=False)

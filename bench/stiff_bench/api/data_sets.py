@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiff_bench.api.robots import as_robot
-from stiff_bench.parameter_types import Folder
+from stiff_bench.parameter_types import Folder, Point
 from stiff_bench.plan.cells import loaded
 from stiff_bench.plan.options import (
     Choice,
@@ -115,6 +115,7 @@ class Dataset(ShownObject):
         no_torque: bool = False,
         pose_tolerance: float = POSE_TOLERANCE,
         register: bool = False,
+        hook: Point | None = None,
     ) -> Dataset:
         """Return a data set of a table with the columns of a file (deg, N, N m, mm).
 
@@ -125,6 +126,7 @@ class Dataset(ShownObject):
             no_torque: see `read_samples`.
             pose_tolerance: see `read_samples`.
             register: see `read_samples`.
+            hook: see `read_samples`.
 
         Raises:
             ConfigError: `frame` is not a DataFrame, or the robot's name is unknown.
@@ -141,7 +143,7 @@ class Dataset(ShownObject):
                 "a file, and Dataset.from_samples(samples, robot) for arrays"
             )
         robot = as_robot(robot)
-        options = FileOptions(no_torque, None, pose_tolerance, register)
+        options = FileOptions(no_torque, None, pose_tolerance, register, hook)
         samples = samples_of(Path(name), frame, robot, "no data set was made", options)
         return cls(held_data(BenchmarkData(samples, robot), name))
 
@@ -371,6 +373,7 @@ def read_samples(
     sheet: str | None = None,
     pose_tolerance: float = POSE_TOLERANCE,
     register: bool = False,
+    hook: Point | None = None,
 ) -> Dataset:
     """Read a file of measured samples.
 
@@ -385,12 +388,14 @@ def read_samples(
             give a warning.
         register: True if positions are in a tracker's frame: deflections are turned to the base
             frame, by the unloaded positions and the joint angles.
+        hook: where the loads `mass_kg` and `pull_N` act, frame of the last link, m; None: the TCP.
 
     Raises:
         ConfigError: `file` is not a path, the robot or the sheet is unknown, or `sheet` is
             missing for a file with several tables.
         DataError: the file or a value cannot be read; the message names row and column.
     """
-    dataset = Dataset.of_file(file, robot, FileOptions(no_torque, sheet, pose_tolerance, register))
+    options = FileOptions(no_torque, sheet, pose_tolerance, register, hook)
+    dataset = Dataset.of_file(file, robot, options)
     dataset.data  # noqa: B018  # raise errors here, not at the first use
     return dataset

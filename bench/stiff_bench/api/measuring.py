@@ -16,7 +16,7 @@ from stiff_bench.api.data_sets import Dataset, path_of
 from stiff_bench.api.model import model_choice
 from stiff_bench.api.robots import as_robot, payload_of, robot_words
 from stiff_bench.console import say
-from stiff_bench.parameter_types import Bounds, Count, FilePath, Form, PoseTolerance, Seed
+from stiff_bench.parameter_types import Bounds, Count, FilePath, Form, Point, PoseTolerance, Seed
 from stiff_bench.plan.cells import loaded
 from stiff_bench.plan.options import measured_file
 from stiff_bench.run.progress import display
@@ -26,6 +26,7 @@ from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileO
 from stiff_datasets.measured.sample_columns import Criterion
 from stiff_datasets.measured.sheet_files import Sheet, sheet_of
 from stiff_datasets.planning.plan import check_plan_file, write_plan
+from stiff_datasets.planning.reading_plan import write_readings
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.urdf_writer import robot_urdf
 from stiff_datasets.twin import simulate as simulation
@@ -59,10 +60,15 @@ def plan_poses(
     after: FilePath | None = None,
     model: str | None = None,
     workspace: FilePath | None = None,
+    loads: Literal["any", "weights"] = "any",
+    readings: Count | None = None,
+    forces: Annotated[str, Form("FORCES")] = "weight,pull:0,1,0",
+    axes: Annotated[str, Form("AXES")] = "z,y",
     no_torque: bool = False,
     sheet: str | None = None,
     pose_tolerance: PoseTolerance = POSE_TOLERANCE,
     register: bool = False,
+    hook: Point | None = None,
 ) -> Text:
     """Write a measurement plan to fill in.
 
@@ -84,12 +90,21 @@ def plan_poses(
             or a plug-in by its own posterior, or vjm by joint springs.
         workspace: file (.csv) of poses and wrenches that predictions are needed for, with `after`;
             by default all that the robot can reach.
+        loads: forces in any direction, or drawn weights that hang at the TCP, of 25 to 100 % of
+            80 % of the payload.
+        readings: number of a dial gauge's readings, in place of poses: each is a pose, a force of
+            `forces` in a drawn size, and an axis of `axes`.
+        forces: forces of readings, at the hook: weight, pull:X,Y,Z along a direction of the base
+            frame, or several with commas.
+        axes: axes of the base frame that the gauge can stand along, with commas.
         no_torque: torques were not measured: their columns may be missing, or zero.
         sheet: sheet of an Excel file; by default the only one with a table.
         pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
             most this, in deg (prismatic joints: mm).
         register: positions are in a tracker's frame: turn the deflections to the base frame, by the
             unloaded positions and the joint angles.
+        hook: where weights hang and ropes pull (`mass_kg`, `pull_N`), in the frame of the last
+            link, in m; by default the TCP.
 
     Raises:
         ConfigError: an argument is wrong, or the payload is unknown.
@@ -98,9 +113,16 @@ def plan_poses(
     """
     output, arm = Path(output), as_robot(robot)
     check_plan_file(output)
-    options = FileOptions(no_torque, sheet, pose_tolerance, register)
+    options = FileOptions(no_torque, sheet, pose_tolerance, register, hook)
+    if readings is None and (forces, axes) != ("weight,pull:0,1,0", "z,y"):
+        raise ConfigError("requires a number of readings; add --readings N", "forces")
+    if readings is not None and (poses is not None or after is not None or loads != "any"):
+        raise ConfigError(
+            f"{readings}: a plan of readings has no --poses, --after and --loads", "readings"
+        )
     if after is None:
-        given = {"model": model, "workspace": workspace, **asdict(options)}
+        of_file = asdict(options) | ({"hook": None} if readings else {})
+        given = {"model": model, "workspace": workspace, **of_file}
         for name, value in given.items():
             if value != vars(DEFAULTS).get(name):
                 needed = "requires measured poses; add --after FILE"
@@ -108,7 +130,15 @@ def plan_poses(
     payload = payload_of(arm) if payload is None else payload
     if payload is None:
         raise ConfigError(f"is unknown for {arm.name}; give a payload in kg", "payload")
-    how = pose_plans.PlanOptions(poses, criterion, candidates, payload, clearance, seed)
+    how = pose_plans.PlanOptions(
+        poses, criterion, candidates, payload, clearance, seed, loads == "weights"
+    )
+    if readings is not None:
+        with display():
+            choice = pose_plans.reading_plan(arm, how, readings, forces, axes, hook)
+        write_readings(output, choice.plan, arm)
+        words = f"{robot_words(arm)} {shlex.join(options.words)}".rstrip()
+        return Text(choice.report(output, arm, words))
     if after is None:
         with display():
             plan = pose_plans.first_plan(arm, how)
@@ -132,6 +162,7 @@ def validate(
     sheet: str | None = None,
     pose_tolerance: PoseTolerance = POSE_TOLERANCE,
     register: bool = False,
+    hook: Point | None = None,
 ) -> validation.ValidationReport:
     """Check a measured file and name the likeliest mistake in it.
 
@@ -148,6 +179,8 @@ def validate(
             most this, in deg (prismatic joints: mm); two poses this near are suspicious.
         register: positions are in a tracker's frame: turn the deflections to the base frame, by the
             unloaded positions and the joint angles.
+        hook: where weights hang and ropes pull (`mass_kg`, `pull_N`), in the frame of the last
+            link, in m; by default the TCP.
 
     Returns:
         A printable report; its `verdict` is "ok", "suspicious" or "invalid". Rows of a data set
@@ -159,7 +192,7 @@ def validate(
     """
     from pandas import DataFrame
 
-    options = FileOptions(no_torque, sheet, pose_tolerance, register)
+    options = FileOptions(no_torque, sheet, pose_tolerance, register, hook)
     source: Path | Sheet
     if isinstance(file, Dataset):
         if robot is not None:

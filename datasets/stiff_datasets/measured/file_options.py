@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stiff_protocols.contract.errors import ConfigError
@@ -22,12 +23,15 @@ class FileOptions:
             most this, in deg (prismatic joints: mm).
         register: the positions are in another frame than the base's: turn the deflections to the
             base frame, by the unloaded positions and the joint positions.
+        hook: (3,) where weights hang and ropes pull, for `mass_kg` and `pull_N`, frame of the last
+            link, m; None: at the TCP.
     """
 
     no_torque: bool = False
     sheet: str | None = None
     pose_tolerance: float = POSE_TOLERANCE
     register: bool = False
+    hook: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.pose_tolerance <= LARGEST_POSE_TOLERANCE:
@@ -42,6 +46,7 @@ class FileOptions:
         if self.pose_tolerance != POSE_TOLERANCE:
             words += ["--pose-tolerance", str(self.pose_tolerance)]
         words += ["--register"] * self.register
+        words += [] if self.hook is None else ["--hook", ",".join(f"{x:g}" for x in self.hook)]
         return words
 
 

@@ -123,7 +123,7 @@ def range_findings(samples: Samples, lines: IntArray) -> Iterator[Finding]:
     if (loaded & (size_mm == 0.0)).any():
         yield warning("no deflection at all under a load", lines[loaded & (size_mm == 0.0)])
     for column, values in zip(DEFLECTION_COLUMNS, samples.deflection.T, strict=True):
-        if not values.any() and samples.deflection.any():
+        if not values.any() and samples.deflection.any() and not samples.directions.size:
             yield warning(f"every {column} is zero; was it not measured?")
     numbers = np.hstack([samples.wrench, samples.deflection * MM_PER_M])
     for column, values in zip((*WRENCH_COLUMNS, *DEFLECTION_COLUMNS), numbers.T, strict=True):

@@ -30,11 +30,16 @@ UNLOADED_COLUMNS = ("x0_mm", "y0_mm", "z0_mm")
 LOADED_COLUMNS = ("x1_mm", "y1_mm", "z1_mm")
 """Positions of the TCP in place of its deflection."""
 ORDER = "order"
+READING = "reading_mm"
+DIRECTION_COLUMNS = ("reading_x", "reading_y", "reading_z")
+"""A number that was read, and its direction."""
 AFTER_COLUMNS = ("after_dx_mm", "after_dy_mm", "after_dz_mm")
 Criterion = Literal["d-optimal", "i-optimal"]
 """Criterion of a measurement plan, which is the `group` of its rows."""
 MM_PER_M = 1000.0
 DEG_PER_RAD = 180.0 / np.pi
+EMPTY_SIGNS = {"", *"- -- \u2014 ? n/a na nan none null <na> nat tbd todo".split()}
+"""Signs of a cell that is not filled in yet, in lower case."""
 DECIMALS = 10
 """Numbers are written with this many decimals if they read back as the same SI number."""
 
@@ -48,6 +53,7 @@ UNITS = {
     "mm": {"mm": 1.0, "m": MM_PER_M, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3},
     "N": {"n": 1.0, "kn": 1e3, "kg": 9.80665, "kgf": 9.80665},
     "Nm": {"nm": 1.0, "knm": 1e3, "nmm": 1e-3},
+    "kg": {"kg": 1.0},
 }
 """Standard unit -> units in headers, in lower case -> factor to the standard unit."""
 MAX_NUMBER = 1e6
@@ -143,6 +149,17 @@ FURTHER_COLUMNS = (
         "displacement of the TCP that stays after the load is taken off, {} component, robot base "
         "frame",
     ),
+    Column("mass", "kg", "mass of the hanging weight"),
+    Column("pull", "N", "pull of a rope at the hook"),
+    Column("pull_{}", "", "direction of the pull on the robot, {} component, robot base frame"),
+    Column("reading", "mm", "gauge loaded, less the gauge unloaded"),
+    Column("reading0", "mm", "gauge unloaded"),
+    Column("reading1", "mm", "gauge loaded"),
+    Column("reading2", "mm", "gauge unloaded again"),
+    Column("reading_{}", "", "direction in which the gauge counts up, {} component, base frame"),
+    Column("point_{}", "mm", "point that the gauge touches, {}, frame of the robot's last link"),
+    Column("loading", "", "first, second or mean: which unloaded reading counts"),
+    Column("state", "", "unloaded or loaded: a row is one state of the gauge or tracker"),
     Column("{}", "mm", "", limit=1e5),
     *(Column(angle, "deg", "", limit=1e4) for angle in "abc"),
 )
@@ -164,6 +181,12 @@ COLUMNS = {
     for column in _single_columns((*HEADER_COLUMNS, *FURTHER_COLUMNS))
 }
 """Name in a file -> column."""
+GAUGE_COLUMNS = tuple(
+    name
+    for name, column in COLUMNS.items()
+    if column.name.startswith(("mass", "pull", "reading", "point", "loading", "state"))
+)
+"""Columns of a workshop, which `gauge_columns.py` reads."""
 _UNIT_WORDS = "|".join(unit for units in UNITS.values() for unit in units)
 _HEADER = re.compile(
     rf"(.+?)[\s_]*(?:[\[(]\s*(.*?)\s*[\])]|(?:/\s*|\s+in\s+|[\s_])({_UNIT_WORDS}))?"

@@ -16,6 +16,12 @@ import pandas as pd
 
 from stiff_datasets.measured.data_card import read_card
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
+from stiff_datasets.measured.gauge_columns import (
+    directions_of,
+    gauge_texts,
+    without_gauge_columns,
+    zero_problems,
+)
 from stiff_datasets.measured.row_checks import (
     FORMULA_HINT,
     LIMIT_TOLERANCE,
@@ -41,6 +47,8 @@ from stiff_datasets.measured.sample_columns import (
     AFTER_COLUMNS,
     DECIMALS,
     DEFLECTION_COLUMNS,
+    DIRECTION_COLUMNS,
+    EMPTY_SIGNS,
     ID_COLUMNS,
     LOADED_COLUMNS,
     MAX_CELL_LENGTH,
@@ -82,11 +90,11 @@ SMALL_UNITS = {"1/10 mm": 10.0, "0.001 inch": 1000.0 / 25.4, "1/100 mm": 100.0, 
 """Unit of an instrument -> its number per mm."""
 MIN_DEFLECTION_MM = 0.01
 """Repeatability of trackers; a file that never exceeds it holds metres, not millimetres."""
+FEWEST_PARTLY_READ, PARTLY_READ_SHARE = 2, 0.2
+"""Rows, and share of the rows, from which empty deflections are axes that were not read."""
 POSITION_TOLERANCE = 0.2
 """Share by which positions of a tool may differ from the robot description."""
 MIN_POSITIONS = 5
-EMPTY_SIGNS = {"", *"- -- \u2014 ? n/a na nan none null <na> nat tbd todo".split()}
-"""Signs of a cell that is not filled in yet, in lower case."""
 
 
 def read_samples(path: Path, robot: Robot, options: FileOptions = DEFAULTS) -> Samples:
@@ -207,7 +215,12 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
             name its poses, rows within the tolerance have the same pose.
     """
     columns = all_columns(robot)
-    sheet, columns = _with_positions(sheet, columns, optional_columns(robot), options.register)
+    gauge = without_gauge_columns(sheet, robot, options)
+    if gauge.problems:
+        return CheckedSamples(gauge.sheet, gauge.problems)
+    further_columns = (*optional_columns(robot), *DIRECTION_COLUMNS)
+    sheet, columns = _with_positions(gauge.sheet, columns, further_columns, options.register)
+    sheet = gauge.named(sheet)
     optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if options.no_torque else ()))
     problems = table_problems(sheet, columns, optional, robot)
     if problems:
@@ -217,6 +230,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     sheet, unfilled = _without_unfilled(sheet, columns[n + len(WRENCH_COLUMNS) :])
     if sheet.cells.empty:
         return CheckedSamples(sheet, junk, unfilled=unfilled)
+    sheet, is_read = _with_unread(sheet, columns[n + len(WRENCH_COLUMNS) :])
     numbers, number_problems = checked_numbers(sheet, columns)
     # positions: deg, and mm of prismatic joints
     q_file, wrench, measured_mm = np.split(numbers, [n, n + len(WRENCH_COLUMNS)], axis=1)
@@ -225,11 +239,13 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     further, further_problems = _further_fields(sheet, robot)
     unreadable = [*junk, *_id_problems(sheet), *number_problems, *further_problems]
     sheet, deflection_mm = _deflections(sheet, measured_mm)
+    directions = directions_of(sheet, is_read)
     problems = [
         *unreadable,
         *radian_problems(q_file, robot),
         *limit_problems(sheet, q_file, robot, LIMIT_TOLERANCE),
         *_deflection_problems(sheet, deflection_mm, q_file, robot),
+        *zero_problems(deflection_mm, directions),
         *_pose_problems(sheet, q_file, robot, near),
     ]
     problems.sort(key=lambda problem: problem.row or 0)
@@ -243,11 +259,17 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
         pose_id=pose_id,
         load_id=load_id,
         group=group,
+        directions=directions,
         **further,
     )
+    for note in gauge_texts(samples):
+        sheet = replace(sheet, notes=(*sheet.notes, note))
     positions = None
     if {*UNLOADED_COLUMNS} <= {*sheet.cells}:
         positions = sheet.numbers(UNLOADED_COLUMNS) / MM_PER_M
+    if options.register and directions.size:
+        problem = Problem("--register: readings along directions have no frame of positions", "")
+        return CheckedSamples(sheet, [problem, *problems], samples, unfilled, positions=positions)
     if options.register and (positions is None or not problems):
         frame = _frame(positions, samples.q, robot)
         if isinstance(frame, Problem):
@@ -422,12 +444,15 @@ def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Pr
     numbers = sheet.numbers(columns)  # (n, n_columns)
     empty = _empty_cells(sheet, columns, numbers)
     zero = (numbers == 0.0).all(axis=1)
-    unfilled = empty.all(axis=1) | empty.any(axis=1).all()
+    unfilled = empty.all(axis=1)
+    if columns != DEFLECTION_COLUMNS:  # a deflection may be read along some of the axes
+        unfilled |= empty.any(axis=1).all()
     unfilled |= zero & (unfilled | zero).all()
     if not unfilled.any():
         return sheet, None
     missing = empty[unfilled].any(axis=0) | zero[unfilled].any()
-    names = ", ".join(sheet.headers.get(name, name) for name in compress(columns, missing))
+    headers = [sheet.headers.get(name, name) for name in compress(columns, missing)]
+    names = ", ".join(dict.fromkeys(headers))
     next_step = "fill them in, or delete these rows"
     if unfilled.all():
         next_step = "measure them, and replace the suggested wrenches by the actual ones"
@@ -437,6 +462,23 @@ def _without_unfilled(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, Pr
     gap_text = f"{count_of_rows} {'has' if len(lines) == 1 else 'have'} no {names} ({rows_text})"
     problem = Problem(f"plan not filled in yet: {gap_text}; {next_step}", "")
     return sheet.take(~unfilled), problem
+
+
+def _with_unread(sheet: Sheet, columns: tuple[str, ...]) -> tuple[Sheet, BoolArray | None]:
+    """Fill empty deflections with 0 in rows that have others, and say which cells were filled.
+
+    Return (n, 3) true for deflections that were read; None if all were. Few rows with an empty cell
+    among complete rows are mistakes, and stay empty.
+    """
+    if columns != DEFLECTION_COLUMNS:
+        return sheet, None
+    empty = _empty_cells(sheet, columns, sheet.numbers(columns))
+    if empty.any(axis=1).sum() < max(FEWEST_PARTLY_READ, PARTLY_READ_SHARE * len(empty)):
+        return sheet, None
+    cells = sheet.cells.copy()
+    for place, column in enumerate(columns):
+        cells[column] = cells[column].where(~empty[:, place], 0.0)
+    return replace(sheet, cells=cells), ~empty
 
 
 def _empty_cells(sheet: Sheet, columns: tuple[str, ...], numbers: FloatArray) -> BoolArray:

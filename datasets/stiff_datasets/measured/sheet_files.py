@@ -36,11 +36,13 @@ from stiff_datasets.measured.excel_file import (
 from stiff_datasets.measured.sample_columns import (
     AFTER_COLUMNS,
     DEFLECTION_COLUMNS,
+    DIRECTION_COLUMNS,
     ID_COLUMNS,
     MAX_CELL_LENGTH,
     MM_PER_M,
     NAMES,
     ORDER,
+    READING,
     UNITS,
     WRENCH_COLUMNS,
     file_units,
@@ -243,14 +245,34 @@ def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
     for i, name in enumerate(joint_columns(robot)):
         columns[name] = in_file_units(samples.q[:, i], units[i])
     columns |= dict(zip(WRENCH_COLUMNS, samples.wrench.T, strict=True))
-    for name, values in zip(DEFLECTION_COLUMNS, samples.deflection.T, strict=True):
-        columns[name] = in_file_units(values, MM_PER_M)
+    columns |= _deflection_cells(samples)
     if samples.order.size:
         columns[ORDER] = samples.order
     columns |= {f"approach_q{i}": sign for i, sign in enumerate(samples.approach.T, start=1)}
     for name, values in zip(AFTER_COLUMNS, samples.after.T, strict=False):
         columns[name] = in_file_units(values, MM_PER_M)
     return pd.DataFrame(columns)
+
+
+def _deflection_cells(samples: Samples) -> dict[str, FloatArray]:
+    """Return deflections, mm, empty along axes that were not read; else single readings.
+
+    Raises:
+        DataError: a row has several readings along other directions than the axes.
+    """
+    directions, is_read = samples.directions, samples.is_read
+    along = (np.abs(directions) > 0.0).sum(axis=2) if directions.size else np.ones(1)
+    if (along <= 1).all():
+        axes = np.asarray(directions.any(axis=1)) if directions.size else is_read
+        lengths = [in_file_units(values, MM_PER_M) for values in samples.deflection.T]
+        return {
+            name: np.where(seen, values, np.nan)
+            for name, seen, values in zip(DEFLECTION_COLUMNS, axes.T, lengths, strict=True)
+        }
+    if directions.shape[1] > 1:
+        raise DataError("several readings of a row along other directions than x, y and z")
+    cells = {READING: in_file_units(samples.values[:, 0], MM_PER_M)}
+    return cells | dict(zip(DIRECTION_COLUMNS, directions[:, 0].T, strict=True))
 
 
 def write_table(path: Path, parts: Iterable[pd.DataFrame]) -> None:

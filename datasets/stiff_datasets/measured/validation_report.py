@@ -69,7 +69,9 @@ from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.training_range import in_smallest_arcs
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.springs.identification import Identified, identify, typical_joints
+from stiff_protocols.springs.unseen_joints import unseen_joints_texts
 
 MIN_USUAL_EXPLAINED = 0.85
 """Share of the squared deflection; the shipped data sets have 0.93 and more."""
@@ -174,6 +176,8 @@ def validate(
             causes.append(_likely_cause(checked, robot))
         errors.extend(Finding("error", message) for message in filter(None, causes))
         return ValidationReport(path, tuple(errors), tuple(unfilled))
+    if samples.directions.size:
+        return _report_on_readings(checked, samples, robot, options, card, identify_parts)
     corrected, arm, geometry = samples, robot, _geometry(checked, robot)
     if geometry:
         arm, deflection = geometry.robot, samples.deflection
@@ -225,6 +229,63 @@ def validate(
         for levels in (("warning", "note"), ("fact",))
     )
     return ValidationReport(path, warnings=warnings, facts=facts)
+
+
+def _report_on_readings(
+    checked: CheckedSamples,
+    samples: Samples,
+    robot: Robot,
+    options: FileOptions,
+    card: DataCard,
+    identify_parts: IdentifyParts | None,
+) -> ValidationReport:
+    """Report on samples with one to three numbers along directions of their own.
+
+    Mistakes are not diagnosed: hardly one of them shows in single numbers.
+    """
+    lines, is_read = checked.sheet.lines, samples.is_read
+    matrix = unit_deflections(robot.jacobian(samples.q), samples.wrench)
+    findings = [
+        *([warning(str(checked.unfilled))] if checked.unfilled else []),
+        *(fact("read as", note) for note in checked.sheet.notes),
+        *([fact("columns not used", text)] if (text := checked.sheet.unused_text) else []),
+        *_content_findings(samples, robot, options.no_torque or card.no_torque),
+        *([Finding("note", checked.outside_limits)] if checked.outside_limits else []),
+        *duplicate_findings(samples, robot, checked.pose_doubts, lines),
+        *range_findings(samples, lines),
+    ]
+    rows = samples.read(matrix)[is_read]
+    if rows.any():
+        directions = samples.directions
+        findings += map(warning, unseen_joints_texts(robot, samples.q, samples.wrench, directions))
+        identified = identify(
+            rows, samples.values[is_read], typical_joints(robot), samples.pose_of_number
+        )
+        names, is_known = robot.joint_names, identified.is_identified
+        stiffness = [
+            f"{name} {1.0 / compliance:.2g}"
+            for name, compliance in zip(names, identified.compliance, strict=True)
+            if compliance
+        ]
+        text = f"rank {identified.rank} of {len(names)} joint springs"
+        findings.append(fact("identifiable", text))
+        if identified.compliance.all():
+            known_parts, guessed_parts = (
+                compress(stiffness, is_known),
+                compress(stiffness, ~is_known),
+            )
+            findings.append(fact("k [Nm/rad, N/m]", ", ".join(known_parts) or "none"))
+            findings += [fact("k of the prior", text)] if (text := ", ".join(guessed_parts)) else []
+        n_poses = len(np.unique(samples.pose_id))
+        if identify_parts and MIN_CURVE_POSES <= n_poses and len(samples) <= MAX_CURVE_SAMPLES:
+            errors, parts = identify_parts(samples, robot)
+            findings += _curve_facts(samples, errors, lines)
+            findings += [fact(name, text) for name, text in parts.items()]
+    else:
+        findings.append(warning("no wrench turns any joint"))
+    warnings = tuple(finding for finding in findings if finding.level in ("warning", "note"))
+    facts = tuple(finding for finding in findings if finding.level == "fact")
+    return ValidationReport(checked.sheet.path, warnings=warnings, facts=facts)
 
 
 def _geometry(checked: CheckedSamples, robot: Robot) -> Comparison | None:

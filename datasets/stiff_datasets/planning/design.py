@@ -37,7 +37,7 @@ def _determinant_gain(rows: FloatArray, information: FloatArray, _: FloatArray) 
     By the matrix determinant lemma: det(M + B^T B) = det(M) det(I + B M^-1 B^T).
     """
     spread = rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
-    return np.asarray(np.linalg.det(np.eye(3) + spread))
+    return np.asarray(np.linalg.det(np.eye(rows.shape[1]) + spread))
 
 
 def _prediction_gain(
@@ -52,7 +52,7 @@ def _prediction_gain(
     sample_spread = whitened @ rows.transpose(0, 2, 1)
     lowered = whitened @ workspace_information @ whitened.transpose(0, 2, 1)
     return np.asarray(
-        np.trace(np.linalg.solve(np.eye(3) + sample_spread, lowered), axis1=1, axis2=2)
+        np.trace(np.linalg.solve(np.eye(rows.shape[1]) + sample_spread, lowered), axis1=1, axis2=2)
     )
 
 
@@ -69,7 +69,7 @@ class SpringDesign:
     """Design for one spring per joint, the linear virtual joint model.
 
     Attributes:
-        candidates: (n, 3, n_joints) regressors.
+        candidates: (n, m, n_joints) regressors of m numbers each: 3 for deflections.
         criterion: "d-optimal" (largest determinant of the information matrix) or "i-optimal"
             (smallest mean variance of predictions).
         workspace: (m, 3, n_joints) regressors of the predictions to improve; None: the candidates.
@@ -85,8 +85,9 @@ class SpringDesign:
 
     @property
     def fewest(self) -> int:
-        """Least number of choices: each sample has three components, all joints must be excited."""
-        return 1 if self.measured is not None else -(-self.candidates.shape[2] // 3)
+        """Least number of choices: each sample has m components, all joints must be excited."""
+        _, m, n_joints = self.candidates.shape
+        return 1 if self.measured is not None else -(-n_joints // m)
 
     def choose(self, n: int) -> IntArray:
         """Return (n,) row numbers of candidates, the most informative first.
@@ -119,7 +120,7 @@ class SpringDesign:
             return np.inf
         spread = np.trace(np.linalg.solve(information, workspace_information))
         workspace = self.candidates if self.workspace is None else self.workspace
-        return float(self.noise * spread / (3 * len(workspace)))
+        return float(self.noise * spread / (workspace.shape[1] * len(workspace)))
 
     @cached_property
     def _scaled(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -37,6 +37,9 @@ from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples,
 FORCE_SHARE = 0.8
 """Suggested force as a share of the payload's weight, which includes tool and sensor."""
 
+LEAST_SHARE = 0.25
+"""Smallest drawn force, of `FORCE_SHARE`."""
+
 MIN_POSE_DISTANCE = np.deg2rad(1.0)
 """rad, or m: a pose counts as measured if all joints are nearer than this to a measured pose."""
 
@@ -59,8 +62,9 @@ def candidate_plan(
     seed: int,
     payload_kg: float,
     clearance: float = CLEARANCE,
+    weights: bool = False,
 ) -> MeasurementPlan:
-    """Return random poses, each with a force in a random direction.
+    """Return random poses, each with a force in a random direction, or with a drawn weight.
 
     Joints keep `LIMIT_MARGINS` from their limits.
 
@@ -68,6 +72,9 @@ def candidate_plan(
         ConfigError: an argument is out of range, or too few random poses keep the clearances.
     """
     wrench = _forces(candidates, payload_kg, seed)
+    if weights:
+        share = stream("plan weights", seed).uniform(LEAST_SHARE, 1.0, (candidates, 1))
+        wrench[:, :3] = FORCE_SHARE * payload_kg * share * robot.gravity
     rng = stream("plan poses", robot.name, seed)
     q = reachable_poses(robot, candidates, rng, clearance, margins=LIMIT_MARGINS)
     width = len(str(candidates))
@@ -135,16 +142,21 @@ def plan_table(plan: MeasurementPlan, robot: Robot) -> pd.DataFrame:
     Joint angles have 4 decimals of a degree (of a millimetre for prismatic joints) and are never
     rounded out of the limits; forces have 3 decimals.
     """
-    units, steps = file_units(robot), 10**_DECIMALS_DEG
-    lower = np.ceil(robot.lower * units * steps) / steps
-    upper = np.floor(robot.upper * units * steps) / steps
-    q_file = np.clip((plan.q * units).round(_DECIMALS_DEG), lower, upper) + 0.0  # no -0.0
     table = pd.DataFrame(
         dict(zip(ID_COLUMNS, (plan.pose_id, "1", plan.group), strict=True))
-        | dict(zip(joint_columns(robot), q_file.T, strict=True))
+        | joint_cells(plan.q, robot)
         | dict(zip(WRENCH_COLUMNS, plan.wrench.round(_DECIMALS_N).T + 0.0, strict=True))
     )
     return table.assign(**dict.fromkeys(DEFLECTION_COLUMNS, np.nan))
+
+
+def joint_cells(q: FloatArray, robot: Robot) -> dict[str, FloatArray]:
+    """Return the columns of (n, n_joints) planned joint positions, rad or m, in file units."""
+    units, steps = file_units(robot), 10**_DECIMALS_DEG
+    lower = np.ceil(robot.lower * units * steps) / steps
+    upper = np.floor(robot.upper * units * steps) / steps
+    q_file = np.clip((q * units).round(_DECIMALS_DEG), lower, upper) + 0.0  # no -0.0
+    return dict(zip(joint_columns(robot), q_file.T, strict=True))
 
 
 def check_plan_file(path: Path) -> None:
