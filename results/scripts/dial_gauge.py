@@ -2,7 +2,8 @@
 
 `python results/scripts/dial_gauge.py` prints, for 12 fresh arms in the worlds clean and friction,
 the mean 3-D error [mm] of `bayes-springs` against the true deflection under forces in all
-directions: after 20 poses of a tracker (`bench data plan --poses 20`), after 40 readings by weight
+directions, over three draws of plan, approach and noise: after 20 poses of a tracker
+(`bench data plan --poses 20`), after 40 readings by weight
 and rope (`bench data plan --readings 40`), after the same with a second pull and axis, and after 40
 readings by weights only. A reading has 10 micrometres of noise, a tracker's deflection 14.
 """
@@ -23,7 +24,7 @@ from stiff_datasets.twin.twin import DigitalTwin
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.types import Samples
 
-ROBOTS, WORLDS, N_TESTED = 12, ("clean", "friction"), 100
+ROBOTS, WORLDS, DRAWS, N_TESTED = 12, ("clean", "friction"), 3, 100
 GAUGE_NOISE = 1e-5
 """m, of a reading; a tracker's deflection is the difference of two readings."""
 WAYS = {
@@ -34,11 +35,17 @@ WAYS = {
 
 
 def errors(seed, world, ways):
+    """Return the mean error over the draws, mm, by way of measuring."""
+    drawn = [errors_of_draw(seed, world, ways, draw) for draw in range(DRAWS)]
+    return {way: float(np.mean([error[way] for error in drawn])) for way in drawn[0]}
+
+
+def errors_of_draw(seed, world, ways, draw):
     """Return the error, mm, by way of measuring."""
     constants = fresh_arm(seed)
     twin = DigitalTwin.in_world(constants, 0, world)
-    robot, rng = twin.description, stream("dial gauge", seed, world)
-    how = PlanOptions(20, None, None, constants.payload_kg, constants.clearance_m, seed)
+    robot, rng = twin.description, stream("dial gauge", seed, world, draw)
+    how = PlanOptions(20, None, None, constants.payload_kg, constants.clearance_m, draw)
     q = reachable_poses(robot, N_TESTED, rng, constants.clearance_m)
     force = omni_forces(N_TESTED, constants.payload_kg, rng, FORCE_SHARE)
     wrench = np.hstack([force, np.zeros_like(force)])
@@ -76,8 +83,9 @@ def errors(seed, world, ways):
 def main():
     """Print a row a robot."""
     warnings.simplefilter("ignore")
-    ways = sys.argv[1:] or [*WAYS]
-    for world in WORLDS:
+    ways = [way for way in WAYS if way in sys.argv] or [*WAYS]
+    worlds = [world for world in WORLDS if world in sys.argv] or WORLDS
+    for world in worlds:
         ratios = []
         for seed in range(ROBOTS):
             found_errors = errors(seed, world, ways)

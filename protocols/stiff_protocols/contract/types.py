@@ -203,7 +203,7 @@ class Samples(ShownObject):
     def together(cls, *parts: Samples) -> Self:
         """Return the samples of all parts, in their order, with their largest noise.
 
-        What one of them does not state is left out; directions become the ones that all together have.
+        What one of them does not state is left out; directions are padded to one shape.
         """
         parts = tuple(part for part in parts if len(part)) or parts[:1]
         most = max(part.is_read.shape[1] for part in parts)
