@@ -39,13 +39,13 @@ def read_entries(folder: Path) -> dict[str, Any]:
     """Return the records of `bench verify` by the submission's model; {} without any.
 
     Raises:
-        StoreError: the file is no JSON.
+        StoreError: the file does not hold JSON.
     """
     file = folder / FILE
     try:
         return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
     except ValueError as error:
-        raise StoreError(f"{file} is no JSON: {error}") from None
+        raise StoreError(f"{file} does not hold JSON: {error}") from None
 
 
 def logs_in_worlds(scores: Scores, worlds: Collection[str]) -> DataFrame:
@@ -110,7 +110,7 @@ def fresh_frame(
 ) -> DataFrame:
     """Return a row per model with scores on named and on fresh robots, best on named ones first.
 
-    Columns: `model`, those of `ratio_frame` with the parts named, fresh and unseen, and (change,
+    Columns: `model`, the columns of `ratio_frame` for named, fresh and unseen, and (change,
     "ratio"), (change, "low"), (change, "high") of `fresh_over_named`.
 
     Args:
@@ -145,7 +145,7 @@ def fresh_frame(
 
 
 def rank_agreement(frame: DataFrame, side: str = "fresh") -> float:
-    """Return Kendall's tau between the models' ratios on named robots and those of another part."""
+    """Return Kendall's tau between the models' ratios on named robots and in another part."""
     from scipy.stats import kendalltau
 
     sides: Any = [("named", "ratio"), (side, "ratio")]

@@ -1,4 +1,4 @@
-"""Named and fresh robots stand beside each other, and a model that knows the named ones shows."""
+"""A table compares named and fresh robots, and a model that knows the named ones has a flag."""
 
 from __future__ import annotations
 
