@@ -75,7 +75,9 @@ def ratio_frame(parts: Mapping[str, DataFrame]) -> DataFrame:
         means = {m: mean_ratio(complete[m]) if m in complete else NO_RATIO for m in models}
         for key in ("ratio", "low", "high"):
             columns[name, key] = {model: getattr(mean, key) for model, mean in means.items()}
-    return DataFrame(columns, index=[*models])
+    frame = DataFrame(columns, index=[*models])
+    frame.columns = frame.columns.to_flat_index()
+    return frame
 
 
 def fresh_over_named(model: str, named: DataFrame, fresh: DataFrame) -> MeanRatio:
@@ -137,7 +139,6 @@ def fresh_frame(
             ):
                 frame.loc[model, [("fresh", key), ("change", key)]] = number, change
             frame.loc[model, [(UNSEEN, "ratio")]] = entry["worlds"][UNSEEN]
-    frame.columns = frame.columns.to_flat_index()
     fresh_ratios: Any = [("fresh", "ratio"), (UNSEEN, "ratio")]
     scored = frame[frame["named", "ratio"].notna()].dropna(subset=fresh_ratios, how="all")
     by_named: Any = [("named", "ratio")]

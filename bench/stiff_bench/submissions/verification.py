@@ -44,7 +44,7 @@ from stiff_protocols.contract.errors import ConfigError, ModelError
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.plugin import ModelInfo
 from stiff_protocols.contract.record import Cell
-from stiff_protocols.scoring.over_robots import MeanRatio
+from stiff_protocols.scoring.over_robots import MeanRatio, mean_ratio
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -161,8 +161,9 @@ class Verification:
         return Table.of(self.model, columns, self.frame, notes)
 
     def record(self) -> dict[str, Any]:
-        """Return what the board shows of the fresh robots, as JSON."""
+        """Return what the board shows of the fresh robots, as JSON; `fresh` in the common worlds."""
         of_model = self.frame[self.frame["model"] == self.model].iloc[0]
+        common = mean_ratio(self._logs_of("fresh", COMMON_WORLDS)[self.model])
         change = self.fresh_over_named
         return {
             "submission": self.draw.submission,
@@ -171,7 +172,7 @@ class Verification:
             "seeds": self.draw.seeds,
             "date": datetime.now(UTC).date().isoformat(),
             "stiffbench": installed("stiffbench"),
-            "fresh": [of_model["fresh", key] for key in ("ratio", "low", "high")],
+            "fresh": [common.ratio, common.low, common.high],
             "worlds": {world: of_model[world, "ratio"] for world in WORLDS},
             "fresh_over_named": [change.ratio, change.low, change.high],
             "rank_agreement": rank_agreement(self.frame),
