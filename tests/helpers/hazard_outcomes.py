@@ -97,7 +97,10 @@ OUTCOMES: dict[str, Outcomes] = {
     ],
     "one load": unidentifiable("A6", 5),
     "no load": [(IDENTIFY, "fails: .*no wrench turns any joint")],
-    "force only along z": unidentifiable("A1, A4, A5, A6", 2),
+    "force only along z": [
+        *unidentifiable("A1, A4, A5, A6", 2),
+        (IDENTIFY, "warns: no load turns A1, A4: add a horizontal pull"),
+    ],
     "deflection only along z": unidentifiable("A1, A4, A6", 3),
     "rows contradict": unidentifiable("A1, A3, A4, A5, A6", 1),
     "no deflection": [

@@ -161,7 +161,7 @@ class Verification:
         return Table.of(self.model, columns, self.frame, notes)
 
     def record(self) -> dict[str, Any]:
-        """Return what the board shows of the fresh robots, as JSON; `fresh` in the common worlds."""
+        """Return what the board shows of the fresh robots, as JSON."""
         of_model = self.frame[self.frame["model"] == self.model].iloc[0]
         common = mean_ratio(self._logs_of("fresh", COMMON_WORLDS)[self.model])
         change = self.fresh_over_named
