@@ -147,8 +147,8 @@ def test_ones_own_robot_with_a_rail_from_a_measurement_to_predictions_in_parquet
     q = rng.uniform([0, -3], [2, 3], size=(12, 2))
     wrench = rng.normal(scale=50, size=(12, 6))
     deflection = robot.joint_deflection(np.array([1e-6, 1e-5]), q, wrench)
-    deflection += rng.normal(scale=1e-6, size=deflection.shape)
-    table = sample_table(samples_with(q, wrench, deflection), robot)
+    measured = deflection + 1e-13  # a column of exact zeros would be refused
+    table = sample_table(samples_with(q, wrench, measured), robot)
     write_table(tmp_path / "my.parquet", [table])
     words = ("--data", "my.parquet", "--urdf", urdf, "--tcp", "0.5,0,0.1")
     bench("fit", "--model", "vjm", *words, "--output", "vjm.stiff")
