@@ -534,8 +534,10 @@ class Model(ShownObject):
         stored = getattr(self.fitted, "cross_validated_error_", None)
         text = "not computed; errors on new poses: `bench run`"
         if stored:
+            of_gauge = self.data is not None and self.data[0].samples.directions.size
             text = (
-                f"{MM * stored.mean:.3g} mm in 3-D ({stored.n_folds} folds; "
+                f"{MM * stored.mean:.3g} mm {'along the readings' if of_gauge else 'in 3-D'} "
+                f"({stored.n_folds} folds; "
                 f"{MM * stored.rms:.3g} mm RMS, 90 % within {MM * stored.quantile_90:.3g} mm)"
             )
         yield MEAN_ERROR, text

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from importlib import resources
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,7 +47,7 @@ from stiff_bench.results.notes import sources
 from stiff_bench.results.scored_task import ScoredTask
 from stiff_bench.store.names import split_word
 from stiff_bench.submissions.card import Card, read_card
-from stiff_bench.submissions.submission import CARD
+from stiff_bench.submissions.submission import CARD, CODE
 from stiff_bench.tables.table import Column, Quantity, Table, text_columns
 from stiff_bench.tables.units import MM
 from stiff_bench.tables.writers import render
@@ -119,7 +120,7 @@ class LeaderboardSite:
         paper_links = {
             method.citation.text: method.citation.url
             for method in self.methods.values()
-            if method.citation and method.citation.url.startswith(("https://", "http://"))
+            if method.citation and _is_web_address(method.citation.url)
         }
         up = Link(TITLE, f"../{INDEX}")
         for name, address in models.items():
@@ -263,15 +264,19 @@ class LeaderboardSite:
         frame = frame.assign(**{"data set": frame["data set"].map(self.titles)})
         errors = errors_table("Errors on each data set, best ratio first", "data set", frame)
         method = self.methods[name]
+        sections = [
+            Section(f"Code: {file}", log=text, is_folded=True) for file, text in method.code.items()
+        ]
         try:
             about = self.show_model(split_word(name)[0])
-        except ConfigError:
-            about = method.code
-        sections = [Section("Model and its options", log=about, is_folded=True)]
-        facts = [("kind", method.kind), ("code", method.code)]
+            sections.insert(0, Section("Model and its options", log=about, is_folded=True))
+        except ConfigError:  # a submission's model: its code says more
+            pass
+        facts = [("kind", method.kind)]
         if citation := method.citation:
             facts.insert(1, ("method", f"{citation.text}. {citation.title}"))
-            sections.insert(0, Section("BibTeX", log=citation.bibtex(name)))
+            links = [Link(citation.url, citation.url)] * _is_web_address(citation.url)
+            sections.insert(0, Section("BibTeX", links=links, log=citation.bibtex(name)))
         return Section(
             name, texts=facts, tables=[*scores, errors], figures=figures, sections=sections
         )
@@ -317,12 +322,12 @@ class Method(NamedTuple):
     Attributes:
         kind: what it is made of.
         citation: paper or report that defines it; None: unknown.
-        code: place of its code.
+        code: files of its code: address in the repository -> text.
     """
 
     kind: str
     citation: Citation | None
-    code: str
+    code: Mapping[str, str]
 
 
 def _fresh_over_named(row: Mapping[Any, Any]) -> Quantity | None:
@@ -338,24 +343,37 @@ FRESH_COLUMNS = (
 """Columns of fresh robots; see `fresh_robots.fresh_frame`."""
 
 
-def submission_cards(results: Path) -> dict[str, tuple[Card, str]]:
+def submission_cards(results: Path) -> dict[str, tuple[Card, Path]]:
     """Return card and folder of each submission in RESULTS/submissions, by its model."""
     files = sorted((results / "submissions").glob(f"*/{CARD}"))
-    cards = [(read_card(file), f"{file.parent.name}/code") for file in files]
-    return {card.model: (card, f"results/submissions/{code}") for card, code in cards}
+    cards = [(read_card(file), file.parent) for file in files]
+    return {card.model: (card, folder) for card, folder in cards}
 
 
-def method_of(name: str, cards: Mapping[str, tuple[Card, str]]) -> Method:
+def method_of(name: str, cards: Mapping[str, tuple[Card, Path]]) -> Method:
     """Return kind and origin of a shipped model or of a submission's."""
     if name in cards:
-        card, code = cards[name]
-        return Method(card.kind, card.citation, code)
+        card, folder = cards[name]
+        files = {
+            f"results/submissions/{folder.name}/{CODE}/{card.plugin}": folder / CODE / card.plugin
+        }
+        return Method(card.kind, card.citation, _texts(files))
     try:
         info = model_info(split_word(name)[0])
     except ConfigError:
-        return Method("other", None, "unknown")
-    module = str(info.target).partition(":")[0].replace(".", "/")
-    return Method(info.kind, info.citation, f"models/{module}.py")
+        return Method("other", None, {})
+    module = str(info.target).partition(":")[0]
+    package, *rest = module.split(".")
+    file = Path(str(resources.files(package)), *rest).with_suffix(".py")
+    return Method(info.kind, info.citation, _texts({f"models/{module.replace('.', '/')}.py": file}))
+
+
+def _texts(files: Mapping[str, Path]) -> dict[str, str]:
+    return {address: file.read_text(encoding="utf-8") for address, file in files.items()}
+
+
+def _is_web_address(url: str) -> bool:
+    return url.startswith(("https://", "http://"))
 
 
 def dataset_title(task: ScoredTask) -> str:

@@ -99,6 +99,7 @@ def test_each_metric_has_the_models_in_the_order_of_its_ratios(site):
 def test_a_model_s_page_has_its_kind_its_paper_and_a_bibtex_entry(site):
     text = (site / "models" / "vjm-full.html").read_text("utf-8")
     assert "physics" in text and "@misc{vjm-full," in text
+    assert "Code: models/stiff_models/physics/full_vjm.py" in text and "class FullVjm(" in text
     entries = (site / CITATIONS).read_text("utf-8")
     assert {"@misc{vjm,", "@misc{vjm-full,"} <= set(entries.splitlines())
 
