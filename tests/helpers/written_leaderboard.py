@@ -12,6 +12,7 @@ import pytest
 from helpers.command_line import bench_here
 from stiff_bench.api import evaluation
 from stiff_bench.page import study_page
+from stiff_bench.results.fresh_robots import FILE
 from stiff_bench.results.leaderboard import StudyLeaderboard
 from stiff_bench.store.database import PACKED
 
@@ -40,13 +41,18 @@ def write_again(study: str, folder: Path) -> Path:
     written = folder / "results" / study
     (written / "runs").mkdir(parents=True)
     shutil.copy(RESULTS / study / "runs" / PACKED, written / "runs")
+    for entries in (RESULTS / study).glob(FILE):
+        shutil.copy(entries, written)
     done = bench_here("reproduce", study, "--write-only", cwd=folder)
     assert done.returncode == 0, done.stderr
     return written
 
 
 def write_leaderboard(folder: Path) -> WrittenLeaderboard:
-    """Write the committed leaderboard below a folder."""
+    """Write the committed leaderboard below a folder, with the results on fresh robots."""
+    fresh = folder / "results" / "fresh" / "runs"
+    fresh.mkdir(parents=True)
+    shutil.copy(RESULTS / "fresh" / "runs" / PACKED, fresh)
     runs, studies = list[Any](), list[study_page.StudyResults]()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluation, "reproduction", _recorded(evaluation.reproduction, runs))
