@@ -363,8 +363,8 @@ def method_of(name: str, cards: Mapping[str, tuple[Card, Path]]) -> Method:
     except ConfigError:
         return Method("other", None, {})
     module = str(info.target).partition(":")[0]
-    package, *rest = module.split(".")
-    file = Path(str(resources.files(package)), *rest).with_suffix(".py")
+    package, *file_parts = module.split(".")
+    file = Path(str(resources.files(package)), *file_parts).with_suffix(".py")
     return Method(info.kind, info.citation, _texts({f"models/{module.replace('.', '/')}.py": file}))
 
 
