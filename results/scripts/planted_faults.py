@@ -232,7 +232,7 @@ FAULTS: dict[str, tuple[Change, str]] = {
         lambda data: replaced(data, MOVED, data.table[MOVED].abs()),
         "deflections .* lost their signs",
     ),
-    "dz all zero": (scaled(["dz_mm"], 0.0), "every dz_mm is zero"),
+    "dz all zero": (scaled(["dz_mm"], 0.0), "dz_mm: every cell is 0"),
     "deflection in micrometres": (scaled(MOVED, 1000.0), "micrometres"),
     "deflection in m": (scaled(MOVED, 0.001), "metres"),
     "joint angles in rad": (scaled(JOINTS, np.pi / 180), "look like radians"),
