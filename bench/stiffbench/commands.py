@@ -452,7 +452,7 @@ class Command:
 
         def call(*arguments: Any, **words: Any) -> int:
             given = signature.bind_partial(*arguments, **words).arguments
-            plugins(given)
+            plugins(given if plugin_options else {})  # `bench submit` has a --plugin of its own
             with warnings_on_stderr():
                 return int(show(given, body(given)))
 

@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+from helpers.command_line import bench_here
 from stiff_bench.submissions.submission import CARD, pack_submission, read_submission
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
@@ -28,6 +29,14 @@ def test_a_model_is_packed_with_the_files_that_it_imports_and_nothing_else(tmp_p
     assert names == {"card.toml", "code/mine.py", "code/helper_of_mine.py"}
     with pytest.raises(StoreError, match="exists"):
         pack_submission(folder / CARD, sources / "mine.py", tmp_path / "packed")
+
+
+def test_the_command_packs_the_plugin_that_it_is_given(tmp_path, folder):
+    (tmp_path / "mine.py").write_text("MODELS = []\n")
+    words = ("--card", folder / CARD, "--plugin", "mine.py", "--output", "packed")
+    done = bench_here("submit", *words, cwd=tmp_path)
+    assert not done.returncode, done.stderr
+    assert (tmp_path / "packed/code/mine.py").read_text() == "MODELS = []\n"
 
 
 def test_its_hash_is_that_of_every_name_and_byte(folder):
