@@ -26,7 +26,6 @@ from stiff_models.io.cache_folder import OFF, VARIABLE
 from stiff_models.io.model_file import load, save
 from stiff_protocols.conformance.checks import Check, Status
 from stiff_protocols.conformance.data_and_protocol_checks import check_dataset, check_protocol
-from stiff_protocols.conformance.model_checks import check_model
 from stiff_protocols.contract.errors import ConfigError, ModelError, NotSavable
 from stiff_protocols.contract.files import check_new_file, make_folder, written_whole
 from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo
@@ -105,6 +104,8 @@ def check(key: str, *, dataset: str = "fanuc-r2000ic", settings: Setting = ()) -
 
 def model_checks(subject: Choice[ModelInfo], data: BenchmarkData) -> Sequence[Check]:
     """Return the checks of a model with its options on some data."""
+    from stiff_protocols.conformance.model_checks import check_model  # 1 s: scikit-learn
+
     key = subject.info.key
     ours = registry().origins.get(key, OURS) == OURS
     with mock.patch.dict(os.environ, {VARIABLE: OFF}):  # a kept training repeats itself
