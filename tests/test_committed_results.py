@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from helpers.written_leaderboard import write_again
+from stiff_bench.page.site import submission_cards
 from stiff_bench.paper.paper_results import PaperResults
 from stiff_bench.paper.paper_tables import NEEDS_NO_RESULTS, TABLES
 from stiff_bench.paper.study_file import find_study
@@ -17,7 +18,6 @@ from stiff_bench.results.leaderboard import leaderboard_tables
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.store.database import read_results
-from stiff_bench.submissions.card import read_card
 from stiff_bench.tables.writers import render
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -45,9 +45,7 @@ of_leaderboard = pytest.mark.xdist_group("leaderboard")  # written once
 @of_leaderboard
 def test_the_committed_leaderboard_is_of_cells_that_are_planned_today(written_leaderboard):
     """Outdated models, data sets or protocols would leave cells that no plan has."""
-    of_submissions = {
-        read_card(file).model for file in (RESULTS / "submissions").glob("*/card.toml")
-    }
+    of_submissions = submission_cards(RESULTS)
     stored_keys = {
         result.cell.key
         for result in read_results(written_leaderboard.folder / "runs")

@@ -23,9 +23,8 @@ from stiff_bench.parameter_types import (
     Form,
     HeldJoints,
     Point,
-    PoseTolerance,
 )
-from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
+from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_protocols.contract.errors import ConfigError
 
 AtMost1024 = Annotated[int, Bounds(at_least=1, at_most=1024)]
@@ -75,28 +74,6 @@ def name_robot(
     if tcp is not None:
         raise ConfigError("requires --urdf or --robot", "tcp")
     return None
-
-
-def name_file_options(
-    no_torque: bool = False,
-    sheet: str | None = None,
-    pose_tolerance: PoseTolerance = POSE_TOLERANCE,
-    register: bool = False,
-    hook: Point | None = None,
-) -> FileOptions:
-    """Return the options of a file.
-
-    Args:
-        no_torque: torques were not measured: their columns may be missing, or zero.
-        sheet: sheet of an Excel file; by default the only one with a table.
-        pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
-            most this, in deg (prismatic joints: mm).
-        register: positions are in a tracker's frame: turn the deflections to the base frame, by the
-            unloaded positions and the joint angles.
-        hook: where weights hang and ropes pull (`mass_kg`, `pull_N`), in the frame of the last
-            link, in m; by default the TCP.
-    """
-    return FileOptions(no_torque, sheet, pose_tolerance, register, hook)
 
 
 def find_dataset(
@@ -240,7 +217,7 @@ class Limits:
 MAKERS: dict[str, Callable[..., Any]] = {
     "Dataset": find_dataset,
     "Execution": Execution,
-    "FileOptions": name_file_options,
+    "FileOptions": FileOptions,
     "Limits": Limits,
     "Model": read_model,
     "Results": open_results,

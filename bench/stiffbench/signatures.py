@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from cyclopts import Group, Parameter, Token
 
-from stiff_bench.parameter_types import Bounds, Form
+from stiff_bench.parameter_types import Bounds, Form, Point, PoseTolerance
 from stiff_protocols.contract.errors import ConfigError
 from stiffbench.options import MAKERS
 
@@ -30,9 +30,11 @@ SPELLINGS = {
     **{"results": "results", "plan_only": "plan"},
 }
 """Parameter -> its option, if the name differs; a sequence of `models` is a repeated --model."""
+TYPES = {"hook": Point, "pose_tolerance": PoseTolerance}
+"""Parameter of a class below the front door -> type with the form of its value."""
 HEADINGS = {
     **{"select": "Selection", "Execution": "Computation", "Limits": "Computation"},
-    **dict.fromkeys(("name_robot", "find_own_data", "name_file_options"), "Your own data"),
+    **dict.fromkeys(("name_robot", "find_own_data", "FileOptions"), "Your own data"),
 }
 """Function or class -> heading of its parameters; the others are below "Options"."""
 GROUPS = {name: Group.create_ordered(name) for name in ("Options", *HEADINGS.values())}
@@ -233,7 +235,11 @@ def _options_of(
     heading = HEADINGS.get(function.__name__, "Options")
     return [
         Option(
-            part.name, types_in(types[part.name]), part.default, texts.get(part.name, ""), heading
+            part.name,
+            types_in(TYPES.get(part.name, types[part.name])),
+            part.default,
+            texts.get(part.name, ""),
+            heading,
         )
         for part in parts
     ]

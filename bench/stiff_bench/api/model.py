@@ -376,19 +376,18 @@ class Model(ShownObject):
             StoreError: a file cannot be written, or exists.
         """
         self.check_fitted()
-        robot, files, output = self.fitted.robot_, [Path(output)], Path(output)
+        robot, output = self.fitted.robot_, Path(output)
+        files = [output, output.with_suffix(".h")] if format == "c" else [output]
+        for file in files:
+            check_new_file(file)
         if format == "c":
             from stiff_models.c_export.c_source import export_c
 
-            files.append(output.with_suffix(".h"))
-            for file in files:
-                check_new_file(file)
             export_c(self.fitted, output, name=self.name, data=self.data_text)
             form = "C99; deflection(q, wrench, d) and correct(q, wrench, command); q"
         else:
             from stiff_models.networks.onnx_export import export_onnx
 
-            check_new_file(output)
             export_onnx(self.fitted, output)
             form = f"inputs q (n, {robot.n_joints})"
         return Text(

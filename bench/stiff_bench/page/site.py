@@ -35,13 +35,11 @@ from stiff_bench.results.columns import (
     INTERVAL,
     MODEL,
     RATIO_FORMAT,
-    UNSEEN,
-    WORDS,
     names_of_kind,
     number,
     ratio_column,
 )
-from stiff_bench.results.fresh_robots import flag_of
+from stiff_bench.results.fresh_robots import UNSEEN, flag_of
 from stiff_bench.results.leaderboard import StudyLeaderboard
 from stiff_bench.results.notes import sources
 from stiff_bench.results.scored_task import ScoredTask
@@ -62,6 +60,42 @@ FILES = "files"
 SCORES, SCRIPT = "scores.csv", "tables.js"
 TITLE = "stiffbench leaderboard"
 CITATIONS = "citations.bib"
+WORDS = {
+    "VJM": "virtual joint model: one linear spring per joint, fitted by least squares",
+    "rank": "place in the order of the ratios; 1 is the smallest",
+    "kind": "what a model is made of",
+    "physics": "springs and other parts of a robot, with parameters that a fit identifies",
+    "Gaussian process": "a distribution of functions, which also gives intervals",
+    "network": "a neural network that learns from measured samples only",
+    "hybrid": "physics and a learned part: a network or a Gaussian process",
+    "method": "authors and year of the paper or report that defines the method",
+    "error / VJM's": "mean 3-D error at test poses, divided by the VJM's on the same split; "
+    "geometric mean over robots. Below 1: better than the VJM",
+    INTERVAL: "where the mean over all robots of the generator lies with 95 % confidence",
+    "truth": "deflection of the simulated robot itself, without noise",
+    "readings": "what the simulated tracker shows, with its noise",
+    "95th percentile": "error that 95 % of the test poses do not exceed",
+    "tool paths": "error left after a correction by the model, on 36 tool paths of each robot",
+    "clean": "world with elastic gears and tilting bearings only",
+    "friction": "world in which gears have friction, too",
+    "structure": "world in which links and base bend, bearings have play and wrists are coupled",
+    "workshop": "world with the errors of a workshop: force point, sensor, tracker, masses, drift",
+    "all": "world with the effects of friction, structure and workshop at once",
+    UNSEEN: "world of fresh robots, whose effects no model has a group for",
+    "named robots": "the 12 robots of this board, which authors of models know",
+    "fresh robots": "12 robots that a generator drew after the model was written or sent",
+    "fresh / named": "error over the best other model's on fresh robots, over the same on named "
+    "ones; about 1: the model is not better on the robots that its authors know",
+    "verdict": "against the VJM: better, worse or open",
+    "better": "less error than the VJM, significant over robots (sign flips, Holm)",
+    "worse": "more error than the VJM, significant over robots (sign flips, Holm)",
+    "open": "the robots do not show whether the model or the VJM is better",
+    "worst robot": "robot with the largest ratio",
+    "won": "number of robots on which the model has the smallest error; a tie counts for no model",
+    "fit": "median time of one fit",
+    "date": "day of the newest fit",
+}
+"""Words of a board, and what they mean."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
 
@@ -95,14 +129,15 @@ class LeaderboardSite:
     @cached_property
     def _tasks(self) -> list[ScoredTask]:
         """Return the tasks of the board, and of measured data that it does not average."""
-        every = *self.board.scores.tasks, *chain(*self.board.readings.measured.values())
-        return [*{task.name: task for task in reversed(every)}.values()][::-1]
+        of_board = self.board.scores.tasks
+        names = {task.name for task in of_board}
+        measured = chain.from_iterable(self.board.readings.measured.values())
+        return [*of_board, *(task for task in measured if task.name not in names)]
 
     @cached_property
     def errors(self) -> DataFrame:
         """Return the mean errors of each model on each data set."""
-        scores = self.board.readings.over(self._tasks)
-        return errors_frame(scores.frame)
+        return errors_frame(self.board.scores.over(self._tasks).frame)
 
     def write(self, folder: Path) -> Iterator[Path]:
         """Write all pages into a folder, and yield each file; the first page is the last.
@@ -170,18 +205,21 @@ class LeaderboardSite:
         for name, row in facts.items():
             method = self.methods[name]
             every = [fit for task in board.scores.tasks for fit in task.results.get(name, ())]
-            row["date"] = max((started.get(fit.run_id, "") for fit in every), default="")
-            row["date"] = row["date"].replace("-", "\N{NON-BREAKING HYPHEN}")
+            date = max((started.get(fit.run_id, "") for fit in every), default="")
+            row["date"] = date.replace("-", "\N{NON-BREAKING HYPHEN}")
             row["kind"] = method.kind
             row["method"] = method.citation.text if method.citation else None
         return facts
 
     def _choices(self) -> Iterator[tuple[str, Table]]:
         """Yield the table of the models for each metric, smallest ratio first."""
-        measured = names_of_kind(self.board.frame, "measured")
+        measured = {
+            ("measured", name): self.titles.get(name, name)
+            for name in names_of_kind(self.board.frame, "measured")
+        }
         for metric, frame in self.board.metrics.items():
             keys: Any = [*frame]
-            worlds = [name for name in dict.fromkeys(part for part, _ in keys) if name]
+            worlds = {(name, end): name for name, end in keys if name and end == "ratio"}
             rows = [
                 {**self._facts[name], **row, "rank": place}
                 for place, (name, row) in enumerate(frame.to_dict("index").items(), start=1)
@@ -194,22 +232,16 @@ class LeaderboardSite:
                 ratio_column(
                     INTERVAL, ends=(("", "low"), ("", "high")), color=("", "ratio"), is_chart=True
                 ),
-                *(ratio_column(name, (name, "ratio"), color=(name, "ratio")) for name in worlds),
                 *(
-                    ratio_column(self.titles.get(name, name), key, color=key)
-                    for name in measured
-                    if (key := ("measured", name))
+                    ratio_column(name, key, color=key)
+                    for key, name in {**worlds, **measured}.items()
                 ),
                 *FRESH_COLUMNS,
                 FIT,
                 Column("date", "text"),
             ]
-            columns = [
-                c
-                for c in columns
-                if c.value is None or any(c.value(row) is not None for row in rows)
-            ]
-            yield metric, Table.of(f"Error over the VJM's: {metric}", columns, rows)
+            table = Table.of(f"Error over the VJM's: {metric}", columns, rows)
+            yield metric, table.without_empty_columns()
 
     def _first_section(self, datasets: Mapping[str, str]) -> Section:
         board, stored, summary = self.board, self.board.stored, self.board.summary

@@ -50,46 +50,6 @@ INTERVAL = f"{percent(1.0 - LEVEL)} interval"
 EQUAL_TEXT = percent(math.exp(MARGIN) - 1.0)
 VERDICT_TEXTS = {"a": "better", "b": "worse", "equivalent": "same", "open": "open", None: ""}
 BEST, LIKE_BEST = "*", "≈"
-UNSEEN = "unseen"
-"""World of fresh robots only, whose effects no model has a group for."""
-
-
-WORDS = {
-    "VJM": "virtual joint model: one linear spring per joint, fitted by least squares",
-    "rank": "place in the order of the ratios; 1 is the smallest",
-    "kind": "what a model is made of",
-    "physics": "springs and other parts of a robot, with parameters that a fit identifies",
-    "Gaussian process": "a distribution of functions, which also gives intervals",
-    "network": "a neural network that learns from measured samples only",
-    "hybrid": "physics and a learned part: a network or a Gaussian process",
-    "method": "authors and year of the paper or report that defines the method",
-    "error / VJM's": "mean 3-D error at test poses, divided by the VJM's on the same split; "
-    "geometric mean over robots. Below 1: better than the VJM",
-    INTERVAL: "where the mean over all robots of the generator lies with 95 % confidence",
-    "truth": "deflection of the simulated robot itself, without noise",
-    "readings": "what the simulated tracker shows, with its noise",
-    "95th percentile": "error that 95 % of the test poses do not exceed",
-    "tool paths": "error left after a correction by the model, on 36 tool paths of each robot",
-    "clean": "world with elastic gears and tilting bearings only",
-    "friction": "world in which gears have friction, too",
-    "structure": "world in which links and base bend, bearings have play and wrists are coupled",
-    "workshop": "world with the errors of a workshop: force point, sensor, tracker, masses, drift",
-    "all": "world with the effects of friction, structure and workshop at once",
-    UNSEEN: "world of fresh robots, whose effects no model has a group for",
-    "named robots": "the 12 robots of this board, which authors of models know",
-    "fresh robots": "12 robots that a generator drew after the model was written or sent",
-    "fresh / named": "error over the best other model's on fresh robots, over the same on named "
-    "ones; about 1: the model is not better on the robots that its authors know",
-    "verdict": "against the VJM: better, worse or open",
-    "better": "less error than the VJM, significant over robots (sign flips, Holm)",
-    "worse": "more error than the VJM, significant over robots (sign flips, Holm)",
-    "open": "the robots do not show whether the model or the VJM is better",
-    "worst robot": "robot with the largest ratio",
-    "won": "number of robots on which the model has the smallest error; a tie counts for no model",
-    "fit": "median time of one fit",
-    "date": "day of the newest fit",
-}
-"""Words of a board, and what they mean."""
 
 
 def number_format(metric: Metric) -> str:

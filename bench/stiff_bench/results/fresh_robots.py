@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiff_bench.results.columns import MODEL_KEY, UNSEEN, ratio_column
-from stiff_bench.results.scores import Scores, robot_logs
+from stiff_bench.results.columns import MODEL_KEY, ratio_column
+from stiff_bench.results.scores import RATIO_ENDS, Scores, ratio_frame, robot_logs
 from stiff_bench.tables.table import Column, Table
 from stiff_bench.tables.units import counted
 from stiff_protocols.contract.errors import StoreError
@@ -26,10 +26,11 @@ if TYPE_CHECKING:
 
 COMMON_WORLDS = ("friction", "structure", "all")
 """Worlds of named and fresh robots."""
+UNSEEN = "unseen"
+"""World of fresh robots only, whose effects no model has a group for."""
 SIDES = ("named", "fresh")
 SMALLEST_RATIO = 1e-6
 """Of an error over the VJM's: no model has none, unless it knows the truth."""
-NO_RATIO = MeanRatio(math.nan, math.nan, math.nan, 0)
 FLAG = "worse than on named"
 FILE = "fresh.json"
 """File next to a board's results: what each submission did on fresh robots."""
@@ -56,28 +57,6 @@ def logs_in_worlds(scores: Scores, worlds: Collection[str]) -> DataFrame:
     ratios = rows["error ratio"].where(rows["error"] > 0.0, SMALLEST_RATIO)
     rows = rows.assign(**{"error ratio": ratios.clip(lower=SMALLEST_RATIO)})
     return robot_logs(rows, "error ratio")
-
-
-def ratio_frame(parts: Mapping[str, DataFrame]) -> DataFrame:
-    """Return mean ratios over robots with their 95 % intervals, a row per model.
-
-    Columns: (part, "ratio"), (part, "low"), (part, "high"); NaN: a score is missing.
-
-    Args:
-        parts: name -> (robots, models) logarithms of a ratio.
-    """
-    from pandas import DataFrame  # slow, and few commands score over robots
-
-    models = dict.fromkeys(str(model) for logs in parts.values() for model in logs)
-    columns = dict[Any, dict[str, float]]()
-    for name, logs in parts.items():
-        complete = logs.dropna(axis="columns") if len(logs) > 1 else logs.iloc[:, :0]
-        means = {m: mean_ratio(complete[m]) if m in complete else NO_RATIO for m in models}
-        for key in ("ratio", "low", "high"):
-            columns[name, key] = {model: getattr(mean, key) for model, mean in means.items()}
-    frame = DataFrame(columns, index=[*models])
-    frame.columns = frame.columns.to_flat_index()
-    return frame
 
 
 def fresh_over_named(model: str, named: DataFrame, fresh: DataFrame) -> MeanRatio:
@@ -120,25 +99,26 @@ def fresh_frame(
         fresh: scores on fresh robots.
         entries: submission's model -> its record of `bench verify`, with fresh robots of its own.
     """
+    from pandas import Series  # slow, and few commands score over robots
+
     sides = {
         name: logs_in_worlds(of, COMMON_WORLDS)
         for name, of in zip(SIDES, (named, fresh), strict=True)
     }
     frame = ratio_frame({**sides, UNSEEN: logs_in_worlds(fresh, (UNSEEN,))})
-    for key in ("ratio", "low", "high"):
-        frame["change", key] = math.nan
-    for model in frame.index:
-        if model in sides["named"] and model in sides["fresh"]:
-            change = fresh_over_named(model, sides["named"], sides["fresh"])
-            for key in ("ratio", "low", "high"):
-                frame.loc[model, [("change", key)]] = getattr(change, key)
-    for model, entry in entries.items():
-        if model in frame.index:
-            for key, number, change in zip(
-                ("ratio", "low", "high"), entry["fresh"], entry["fresh_over_named"], strict=True
-            ):
-                frame.loc[model, [("fresh", key), ("change", key)]] = number, change
-            frame.loc[model, [(UNSEEN, "ratio")]] = entry["worlds"][UNSEEN]
+    changes = {
+        str(model): fresh_over_named(str(model), sides["named"], sides["fresh"])
+        for model in sides["named"].columns.intersection(sides["fresh"].columns)
+    }
+    for key in RATIO_ENDS:
+        frame["change", key] = Series({m: getattr(of, key) for m, of in changes.items()})
+    for model in entries.keys() & {*frame.index}:
+        entry = entries[model]
+        for key, ratio, change in zip(
+            RATIO_ENDS, entry["fresh"], entry["fresh_over_named"], strict=True
+        ):
+            frame.loc[model, [("fresh", key), ("change", key)]] = ratio, change
+        frame.loc[model, [(UNSEEN, "ratio")]] = entry["worlds"][UNSEEN]
     fresh_ratios: Any = [("fresh", "ratio"), (UNSEEN, "ratio")]
     scored = frame[frame["named", "ratio"].notna()].dropna(subset=fresh_ratios, how="all")
     by_named: Any = [("named", "ratio")]

@@ -11,12 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from stiff_bench.results.columns import board_tables, dataset_table
-from stiff_bench.results.fresh_robots import (
-    fresh_frame,
-    fresh_tables,
-    ratio_frame,
-    read_entries,
-)
+from stiff_bench.results.fresh_robots import fresh_frame, fresh_tables, read_entries
 from stiff_bench.results.load import StoredResults, Task, newest_tasks
 from stiff_bench.results.notes import (
     SELECTION_MARK,
@@ -27,7 +22,7 @@ from stiff_bench.results.notes import (
     sources,
 )
 from stiff_bench.results.scored_task import TRUE, SortKey, sort_key
-from stiff_bench.results.scores import Scores, model_frame, robot_logs
+from stiff_bench.results.scores import Scores, model_frame, ratio_frame, robot_logs
 from stiff_bench.results.selection import EVERYTHING, BoardSettings, Selection
 from stiff_bench.results.summary import (
     Summary,

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from itertools import chain
+from itertools import chain, product
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ from stiff_models.model_catalog import REFERENCE_MODEL, is_spring_model
 from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.scoring.over_robots import (
+    MeanRatio,
     corrected_p_values,
     equivalence_p_value,
     mean_ratio,
@@ -43,6 +44,9 @@ VOTE = ["robot", "vote"]
 and protocol without a world."""
 PLAN = [*VOTE, "family", "protocol"]
 """Columns of a data set and protocol, which have the same weight in a world."""
+RATIO_ENDS = ("ratio", "low", "high")
+"""Fields of a `MeanRatio` in a frame."""
+NO_RATIO = MeanRatio(math.nan, math.nan, math.nan, 0)
 CLEAN = "clean"
 """World of simulated robots in which no real robot lives; a further score leaves it out."""
 
@@ -236,6 +240,28 @@ def _mean(values: Any) -> float:
     return float(np.mean(present)) if len(present) else math.nan
 
 
+def ratio_frame(parts: Mapping[str, DataFrame]) -> DataFrame:
+    """Return mean ratios over robots with their 95 % intervals, a row per model.
+
+    Columns: (part, "ratio"), (part, "low"), (part, "high"); NaN: a score is missing.
+
+    Args:
+        parts: name -> (robots, models) logarithms of a ratio.
+    """
+    from pandas import DataFrame  # slow, and a single task needs no frame
+
+    models = dict.fromkeys(str(model) for logs in parts.values() for model in logs)
+    columns = dict[Any, dict[str, float]]()
+    for name, logs in parts.items():
+        complete = logs.dropna(axis="columns") if len(logs) > 1 else logs.iloc[:, :0]
+        means = {m: mean_ratio(complete[m]) if m in complete else NO_RATIO for m in models}
+        for key in RATIO_ENDS:
+            columns[name, key] = {model: getattr(mean, key) for model, mean in means.items()}
+    frame = DataFrame(columns, index=[*models])
+    frame.columns = frame.columns.to_flat_index()
+    return frame
+
+
 def model_frame(
     scores: Scores,
     few: Mapping[str, Scores] = MappingProxyType({}),
@@ -334,13 +360,11 @@ def _with_robots(
         worlds = []
     for world in worlds:
         of_world = rows[rows["world"] == world]
-        further["world", world] = logs = robot_logs(of_world, "error ratio")
+        further["world", world] = robot_logs(of_world, "error ratio")
         further["oracle", world] = robot_logs(of_world, "oracle ratio")
-        complete = logs.dropna(axis="columns") if len(logs) > 1 else logs.iloc[:, :0]
-        means_of = {str(m): mean_ratio(complete[m]) for m in complete}
-        for end in ("low", "high"):
-            ends = {name: vars(mean)[end] for name, mean in means_of.items()}
-            table[f"world {end}", world] = Series(ends, dtype=float)
+    intervals = ratio_frame({world: further["world", world] for world in worlds})
+    for world, end in product(worlds, ("low", "high")):
+        table[f"world {end}", world] = intervals[world, end]
     if worlds:
         coverage = rows.groupby(["model", "world"], sort=False)["coverage"].mean().unstack()
         for name, of_few in few.items():

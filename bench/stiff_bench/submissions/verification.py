@@ -25,11 +25,10 @@ from stiff_bench.results.fresh_robots import (
     fresh_over_named,
     logs_in_worlds,
     rank_agreement,
-    ratio_frame,
 )
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.scored_task import sort_key
-from stiff_bench.results.scores import Scores
+from stiff_bench.results.scores import Scores, ratio_frame
 from stiff_bench.run.cell import Execution
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.machine import environment

@@ -203,13 +203,22 @@ class Table(BriefFields):
     def visible_table(self) -> Table:
         """Return the printed table: without hidden columns and, if brief, with few notes."""
         seen = [number for number, column in enumerate(self.columns) if not column.hidden]
-        rows = [[row[number] for number in seen] for row in self.rows]
         notes = list(dict.fromkeys(filter(None, self.notes)))
         if self.brief and len(notes) > MOST_NOTES:
             n_more = len(notes) - MOST_NOTES + 1
             notes = [*notes[: MOST_NOTES - 1], f"{n_more} more notes: `--format json`"]
-        columns = [self.columns[number] for number in seen]
-        return replace(self, columns=columns, rows=rows, notes=notes)
+        return replace(self._of_columns(seen), notes=notes)
+
+    def without_empty_columns(self) -> Table:
+        """Return the table without the columns that have no cell in any row."""
+        numbers = range(len(self.columns))
+        return self._of_columns(
+            [k for k in numbers if any(row[k] is not None for row in self.rows)]
+        )
+
+    def _of_columns(self, numbers: Sequence[int]) -> Table:
+        rows = [[row[number] for number in numbers] for row in self.rows]
+        return replace(self, columns=[self.columns[number] for number in numbers], rows=rows)
 
     def texts(self) -> list[list[str]]:
         """Return the cells of each row as texts."""

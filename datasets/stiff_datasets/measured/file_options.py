@@ -21,10 +21,10 @@ class FileOptions:
         sheet: sheet of an Excel file; by default the only one with a table.
         pose_tolerance: rows without `pose_id` are one pose if their joint positions differ by at
             most this, in deg (prismatic joints: mm).
-        register: the positions are in another frame than the base's: turn the deflections to the
-            base frame, by the unloaded positions and the joint positions.
-        hook: (3,) where weights hang and ropes pull, for `mass_kg` and `pull_N`, frame of the last
-            link, m; None: at the TCP.
+        register: positions are in a tracker's frame: turn the deflections to the base frame, by the
+            unloaded positions and the joint angles.
+        hook: (3,) where weights hang and ropes pull (`mass_kg`, `pull_N`), in the frame of the last
+            link, in m; by default the TCP.
     """
 
     no_torque: bool = False

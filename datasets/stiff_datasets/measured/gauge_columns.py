@@ -239,9 +239,7 @@ def _with_wrenches(
     q = np.nan_to_num(read_sheet.numbers(joint_columns(robot))) / file_units(robot)
     torque = np.zeros_like(force)
     if options.hook is not None:
-        hook = robot.flange[:3, :3] @ np.array(options.hook) + robot.flange[:3, 3]
-        lever = robot.forward(q).rotation @ (hook - robot.tcp)
-        torque = np.cross(lever, force)
+        torque = np.cross(robot.lever(q, np.array(options.hook)), force)
     used = [*stated, *(name for name in PULL_COLUMNS if name in file_columns)]
     names = ", ".join(read_sheet.headers.get(name, name) for name in stated)
     at = "the TCP" if options.hook is None else "the hook"
@@ -338,9 +336,7 @@ def _point_problems(read_sheet: Sheet, robot: Robot, directions: FloatArray) -> 
         return []
     points, problems = _numbers(read_sheet, POINT_COLUMNS)
     q = np.nan_to_num(read_sheet.numbers(joint_columns(robot))) / file_units(robot)
-    lever = points / MM_PER_M - robot.tcp_on_flange
-    turned = robot.forward(q).rotation @ robot.flange[:3, :3]
-    lever = np.einsum("nij,nj->ni", turned, np.nan_to_num(lever))
+    lever = np.nan_to_num(robot.lever(q, points / MM_PER_M))
     unit = np.nan_to_num(directions)
     unit = unit / np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-12)
     away = MM_PER_M * np.linalg.norm(np.cross(lever, unit), axis=1)

@@ -177,7 +177,15 @@ def validate(
         errors.extend(Finding("error", message) for message in filter(None, causes))
         return ValidationReport(path, tuple(errors), tuple(unfilled))
     if samples.directions.size:
-        return _report_on_readings(checked, samples, robot, options, card, identify_parts)
+        no_torque = options.no_torque or card.no_torque
+        columns = samples.read(unit_deflections(robot.jacobian(samples.q), samples.wrench))
+        findings = [
+            *_file_findings(checked, sheet, samples, robot, card, no_torque),
+            *_reading_findings(samples, robot, columns),
+        ]
+        if columns.any():
+            findings += _part_facts(samples, robot, identify_parts, lines)
+        return _report(path, findings)
     corrected, arm, geometry = samples, robot, _geometry(checked, robot)
     if geometry:
         arm, deflection = geometry.robot, samples.deflection
@@ -197,19 +205,8 @@ def validate(
     if torques_missing and not _is_poorly_explained(diagnosis.given):
         diagnosis = Diagnosis(diagnosis.given)  # the missing torques are the mistake
     pose = np.asarray(np.unique(samples.pose_id, return_inverse=True)[1])
-    unused = checked.sheet.unused_text
-    noise = f"{card.instrument_noise * MM_PER_M:.3g} mm per deflection (from the data card)"
     findings = [
-        *unfilled,
-        *(fact("read as", note) for note in checked.sheet.notes),
-        *([fact("columns not used", unused)] if unused else []),
-        *external_axis_findings(sheet, checked.sheet.unused, robot, lines),
-        *_content_findings(samples, robot, no_torque),
-        *map(warning, filter(None, (robot.mass_doubt, robot.limit_doubt))),
-        *([fact("instrument noise", noise)] if card.instrument_noise else []),
-        *([Finding("note", checked.outside_limits)] if checked.outside_limits else []),
-        *duplicate_findings(samples, robot, checked.pose_doubts, lines),
-        *range_findings(samples, lines),
+        *_file_findings(checked, sheet, samples, robot, card, no_torque),
         *repeat_findings(samples, robot, lines),
         *(_position_findings(geometry, lines) if geometry else []),
         *([warning(change.text, change.rows)] if change else []),
@@ -219,11 +216,13 @@ def validate(
             else ()
         ),
     ]
-    is_affordable = MIN_CURVE_POSES <= len(np.unique(pose)) and len(pose) <= MAX_CURVE_SAMPLES
-    if identify_parts and is_affordable and not diagnosis.best and data.regressor().any():
-        left_out_errors, parts = identify_parts(corrected, arm)
-        findings.extend(_curve_facts(corrected, left_out_errors, lines))
-        findings.extend(fact(name, text) for name, text in parts.items())
+    if not diagnosis.best and data.regressor().any():
+        findings += _part_facts(corrected, arm, identify_parts, lines)
+    return _report(path, findings)
+
+
+def _report(path: Path, findings: Sequence[Finding]) -> ValidationReport:
+    """Return the report on a file without errors."""
     warnings, facts = (
         tuple(finding for finding in findings if finding.level in levels)
         for levels in (("warning", "note"), ("fact",))
@@ -231,61 +230,59 @@ def validate(
     return ValidationReport(path, warnings=warnings, facts=facts)
 
 
-def _report_on_readings(
+def _file_findings(
     checked: CheckedSamples,
+    sheet: Sheet,
     samples: Samples,
     robot: Robot,
-    options: FileOptions,
     card: DataCard,
-    identify_parts: IdentifyParts | None,
-) -> ValidationReport:
-    """Report on samples with one to three numbers along directions of their own.
+    no_torque: bool,
+) -> Iterator[Finding]:
+    """Yield findings on the file, its columns and its rows; no spring is compared."""
+    lines, unused = checked.sheet.lines, checked.sheet.unused_text
+    noise = f"{card.instrument_noise * MM_PER_M:.3g} mm per deflection (from the data card)"
+    if checked.unfilled:
+        yield warning(str(checked.unfilled))
+    yield from (fact("read as", note) for note in checked.sheet.notes)
+    if unused:
+        yield fact("columns not used", unused)
+    yield from external_axis_findings(sheet, checked.sheet.unused, robot, lines)
+    yield from _content_findings(samples, robot, no_torque)
+    yield from map(warning, filter(None, (robot.mass_doubt, robot.limit_doubt)))
+    if card.instrument_noise:
+        yield fact("instrument noise", noise)
+    if checked.outside_limits:
+        yield Finding("note", checked.outside_limits)
+    yield from duplicate_findings(samples, robot, checked.pose_doubts, lines)
+    yield from range_findings(samples, lines)
 
+
+def _part_facts(
+    samples: Samples, robot: Robot, identify_parts: IdentifyParts | None, lines: IntArray
+) -> list[Finding]:
+    """Return facts on a model of many parts; [] for few poses, many samples or no model."""
+    n_poses = len(np.unique(samples.pose_id))
+    if not identify_parts or n_poses < MIN_CURVE_POSES or len(samples) > MAX_CURVE_SAMPLES:
+        return []
+    errors, parts = identify_parts(samples, robot)
+    facts = [fact(name, text) for name, text in parts.items()]
+    return [*_curve_facts(samples, errors, lines), *facts]
+
+
+def _reading_findings(samples: Samples, robot: Robot, columns: FloatArray) -> Iterator[Finding]:
+    """Yield findings on samples with one to three numbers along directions of their own.
+
+    `columns` (n, m, n_joints) are the readings [m] by each joint's spring at unit compliance.
     Mistakes are not diagnosed: hardly one of them shows in single numbers.
     """
-    lines, is_read = checked.sheet.lines, samples.is_read
-    matrix = unit_deflections(robot.jacobian(samples.q), samples.wrench)
-    findings = [
-        *([warning(str(checked.unfilled))] if checked.unfilled else []),
-        *(fact("read as", note) for note in checked.sheet.notes),
-        *([fact("columns not used", text)] if (text := checked.sheet.unused_text) else []),
-        *_content_findings(samples, robot, options.no_torque or card.no_torque),
-        *([Finding("note", checked.outside_limits)] if checked.outside_limits else []),
-        *duplicate_findings(samples, robot, checked.pose_doubts, lines),
-        *range_findings(samples, lines),
-    ]
-    rows = samples.read(matrix)[is_read]
-    if rows.any():
-        directions = samples.directions
-        findings += map(warning, unseen_joints_texts(robot, samples.q, samples.wrench, directions))
-        identified = identify(
-            rows, samples.values[is_read], typical_joints(robot), samples.pose_of_number
-        )
-        names, is_known = robot.joint_names, identified.is_identified
-        stiffness = [
-            f"{name} {1.0 / compliance:.2g}"
-            for name, compliance in zip(names, identified.compliance, strict=True)
-            if compliance
-        ]
-        text = f"rank {identified.rank} of {len(names)} joint springs"
-        findings.append(fact("identifiable", text))
-        if identified.compliance.all():
-            known_parts, guessed_parts = (
-                compress(stiffness, is_known),
-                compress(stiffness, ~is_known),
-            )
-            findings.append(fact("k [Nm/rad, N/m]", ", ".join(known_parts) or "none"))
-            findings += [fact("k of the prior", text)] if (text := ", ".join(guessed_parts)) else []
-        n_poses = len(np.unique(samples.pose_id))
-        if identify_parts and MIN_CURVE_POSES <= n_poses and len(samples) <= MAX_CURVE_SAMPLES:
-            errors, parts = identify_parts(samples, robot)
-            findings += _curve_facts(samples, errors, lines)
-            findings += [fact(name, text) for name, text in parts.items()]
-    else:
-        findings.append(warning("no wrench turns any joint"))
-    warnings = tuple(finding for finding in findings if finding.level in ("warning", "note"))
-    facts = tuple(finding for finding in findings if finding.level == "fact")
-    return ValidationReport(checked.sheet.path, warnings=warnings, facts=facts)
+    if not columns.any():
+        yield warning("no wrench turns any joint")
+        return
+    is_read, directions = samples.is_read, samples.directions
+    yield from map(warning, unseen_joints_texts(robot, samples.q, samples.wrench, directions))
+    rows, readings = columns[is_read], samples.values[is_read]
+    identified = identify(rows, readings, typical_joints(robot), samples.pose_of_number)
+    yield from _stiffness_facts(robot, identified, identified.compliance)
 
 
 def _geometry(checked: CheckedSamples, robot: Robot) -> Comparison | None:
@@ -458,24 +455,13 @@ def _spring_findings(
     )
     names = data.robot.joint_names
     identified = _identified(data, pose)
-    unknown = [*compress(names, ~identified.is_identified)]
-    condition = "" if unknown else f", condition number {identified.condition:.3g}"
-    yield fact("identifiable", f"rank {identified.rank} of {len(names)} joint springs{condition}")
     outliers = find_outliers(data)
     usual_data, usual_pose = data, pose
     if not best:  # otherwise every row is wrong
         usual_data, usual_pose = data.take(~outliers.odd), pose[~outliers.odd]
     residual = data.deflection - data.regressor() @ compliances(usual_data)
     compliance = _identified(usual_data, usual_pose).compliance
-    stiffness = [
-        f"{name} {1.0 / joint_compliance:.2g}" if joint_compliance else f"{name} inf"
-        for name, joint_compliance in zip(names, compliance, strict=True)
-    ]
-    yield fact(
-        "k [Nm/rad, N/m]", ", ".join(compress(stiffness, identified.is_identified)) or "none"
-    )
-    if unknown:
-        yield fact("k of the prior", ", ".join(compress(stiffness, ~identified.is_identified)))
+    yield from _stiffness_facts(data.robot, identified, compliance)
     if not best:  # otherwise they would be effects of the mistake
         is_rigid = has_negative_compliance(usual_data) & (compliances(usual_data) == 0.0)
         vague_joints = [*compress(names, ~identified.is_identified & ~is_rigid)]
@@ -493,6 +479,22 @@ def _spring_findings(
     yield fact("largest residuals", _largest_residuals(residual, lines))
     if not best:
         yield from outlier_findings(lines, outliers)
+
+
+def _stiffness_facts(
+    robot: Robot, identified: Identified, compliance: FloatArray
+) -> Iterator[Finding]:
+    """Yield facts on what is identifiable, and on (n_joints,) compliances [rad/(N m), m/N]."""
+    names, is_known = robot.joint_names, identified.is_identified
+    condition = f", condition number {identified.condition:.3g}" if is_known.all() else ""
+    yield fact("identifiable", f"rank {identified.rank} of {len(names)} joint springs{condition}")
+    stiffness = [
+        f"{name} {1.0 / joint_compliance:.2g}" if joint_compliance else f"{name} inf"
+        for name, joint_compliance in zip(names, compliance, strict=True)
+    ]
+    yield fact("k [Nm/rad, N/m]", ", ".join(compress(stiffness, is_known)) or "none")
+    if not is_known.all():
+        yield fact("k of the prior", ", ".join(compress(stiffness, ~is_known)))
 
 
 def _curve_facts(samples: Samples, errors: FloatArray, lines: IntArray) -> list[Finding]:

@@ -14,10 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stiff_datasets.measured.sample_columns import (
-    DIRECTION_COLUMNS,
-    ID_COLUMNS,
-)
+from stiff_datasets.measured.sample_columns import DIRECTION_COLUMNS, ID_COLUMNS
 from stiff_datasets.measured.sheet_files import write_table
 from stiff_datasets.planning.design import SpringDesign
 from stiff_datasets.planning.loads import hook_wrenches, stream
@@ -111,11 +108,9 @@ def candidate_readings(
     pose, force, axis = (part.ravel() for part in np.indices((poses, len(forces), len(axes))))
     size = rng.uniform(LEAST_SHARE, 1.0, (poses, len(forces)))[pose, force] * largest
     vector = size[:, None] * forces[force]
-    on_joint = robot.flange[:3, :3] @ hook + robot.flange[:3, 3]
-    lever = robot.forward(q).rotation @ (on_joint - robot.tcp)
     names = np.array([f"R{number:06d}" for number in pose])
     group = np.full(len(pose), "random")
-    wrench = hook_wrenches(vector, lever[pose])
+    wrench = hook_wrenches(vector, robot.lever(q, hook)[pose])
     return ReadingPlan(q[pose], wrench, names, group, vector, axes[axis])
 
 

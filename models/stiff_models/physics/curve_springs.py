@@ -34,7 +34,7 @@ from stiff_models.pose_folds import folds_of_poses
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
 from stiff_protocols.kinematics.serial_chain import joint_torque, unit_deflections
-from stiff_protocols.springs.identification import RANK_TOLERANCE
+from stiff_protocols.springs.unseen_joints import unseen_columns
 
 SPRINGS_PER_JOINT: Literal[3] = 3
 WIDTHS = (0.02, 0.1)
@@ -87,9 +87,9 @@ class CurveSprings(GeometryModel):
         power = 1.0 if self.weights == "student" else 2.0
         strength = best_strength(train, columns, solved, STRENGTHS, seed, power)
         self.coefficients_ = solved(slice(None), strength)
-        shown_size = np.linalg.norm(columns[:, :, : lines.shape[2]], axis=(0, 1))
-        unseen = np.flatnonzero(shown_size <= RANK_TOLERANCE * shown_size.max())
-        self.coefficients_[unseen] = 1.0  # lines by the joints' sizes
+        n_lines = lines.shape[2]
+        unseen = unseen_columns(columns[:, :, :n_lines])
+        self.coefficients_[:n_lines][unseen] = 1.0  # by the joints' sizes
         self.diagnostics_ = {
             "coefficients": float(columns.shape[2]),
             "penalty": strength,

@@ -26,7 +26,8 @@ from stiff_models.physics.curve_springs import LINE_SHARE, best_strength
 from stiff_models.physics.vjm import compliance_regressor, warn_unexplained
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
-from stiff_protocols.springs.identification import RANK_TOLERANCE, typical_joints
+from stiff_protocols.springs.identification import typical_joints
+from stiff_protocols.springs.unseen_joints import unseen_columns
 
 SHOULDER_AND_ELBOW = slice(1, 3)
 """Second and third joint; a prismatic joint, or one that a robot does not have, has no angle."""
@@ -62,11 +63,10 @@ class FourierSprings(FittedModel):
         strength = best_strength(train, columns, solved, STRENGTHS, seed)
         of_typical = solved(slice(None), strength).reshape(shares.shape)
         moved = train.read(springs * typical)
-        shown_size = np.linalg.norm(moved, axis=(0, 1))
         explained = moved.sum(axis=2)
         factor = float((explained * readings).sum() / (explained**2).sum())
         # of joints that no reading shows: by their sizes, at every angle
-        of_typical[shown_size <= RANK_TOLERANCE * shown_size.max(), 0] = max(factor, 0.0)
+        of_typical[unseen_columns(moved), 0] = max(factor, 0.0)
         self.coefficients_ = of_typical * typical[:, None]
         self.diagnostics_ = {
             "coefficients": float(np.count_nonzero(of_typical)),

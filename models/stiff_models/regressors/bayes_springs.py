@@ -44,11 +44,8 @@ from stiff_models.regressors.spring_groups import (
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples, smallest_vectors
 from stiff_protocols.kinematics.serial_chain import unit_deflections
-from stiff_protocols.springs.identification import (
-    CONTRIBUTION,
-    RANK_TOLERANCE,
-    number_with_interval,
-)
+from stiff_protocols.springs.identification import CONTRIBUTION, number_with_interval
+from stiff_protocols.springs.unseen_joints import unseen_columns
 
 ROUNDS, REWEIGHTINGS = 3, 2
 """Rounds of Gauss-Newton, the first without the searched groups; reweightings in the others."""
@@ -278,8 +275,8 @@ class BayesSprings(NormalModel, GeometryModel):
         """Give springs that no reading shows their usual coefficient, as uncertain as large."""
         count = len(self.coefficients_)
         usual = np.array([group.usual for group in groups])[model.group_of[:count]]
-        shown_size = usual * np.linalg.norm(model.columns[:, :, :count], axis=(0, 1))
-        if (unseen := (usual > 0.0) & (shown_size <= RANK_TOLERANCE * shown_size.max())).any():
+        unseen = (usual > 0.0) & unseen_columns(usual * model.columns[:, :, :count])
+        if unseen.any():
             self.coefficients_[unseen], self.root_[unseen] = usual[unseen], 0.0
             self.root_ = np.hstack([self.root_, np.diag(usual)[:, unseen]])
 

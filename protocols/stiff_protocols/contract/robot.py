@@ -221,6 +221,17 @@ class Robot(ShownObject, SerialChain):
         lever = self.tcp - self.flange[:3, 3]
         return np.asarray((lever @ self.flange[:3, :3]).round(9) + 0.0)
 
+    def lever(self, q: FloatArray, point: FloatArray) -> FloatArray:
+        """Return the (n, 3) vectors from the TCP to a point of the last link, m, base frame.
+
+        Args:
+            q: (n, n_joints) joint positions, rad or m.
+            point: (3,) or (n, 3), frame of the robot description's last link, m.
+        """
+        from_tcp = point @ self.flange[:3, :3].T + self.flange[:3, 3] - self.tcp
+        turned = self.forward(q).rotation @ np.atleast_2d(from_tcp)[..., None]
+        return np.asarray(turned[..., 0])
+
     @property
     def joints_text(self) -> str:
         """Name, number of joints and held joints in a line."""

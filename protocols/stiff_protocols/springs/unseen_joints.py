@@ -13,7 +13,7 @@ from stiff_protocols.contract.arrays import BoolArray, FloatArray
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.types import read_along
 from stiff_protocols.kinematics.serial_chain import unit_deflections
-from stiff_protocols.springs.identification import LEAST_LEVER
+from stiff_protocols.springs.identification import LEAST_LEVER, RANK_TOLERANCE
 
 LEAST_SHARE = 1e-3
 """Of the largest deflection by a joint with the largest lever; a joint with less is not shown."""
@@ -36,8 +36,8 @@ def unseen_joints_texts(
     lever = np.linalg.norm(jacobian[:, :3], axis=1).max(axis=0)
     matters = ~robot.turns | (lever > LEAST_LEVER * float(lever[robot.turns].max(initial=0.0)))
     moved = unit_deflections(jacobian, wrench)  # (n, 3, n_joints)
-    is_turned = _is_large(moved)
-    is_read = _is_large(read_along(directions, moved))
+    is_turned = ~unseen_columns(moved, LEAST_SHARE)
+    is_read = ~unseen_columns(read_along(directions, moved), LEAST_SHARE)
     texts = []
     if unloaded := _names(robot, matters & ~is_turned):
         is_vertical = not np.linalg.norm(wrench[:, :2], axis=1).any()
@@ -48,9 +48,10 @@ def unseen_joints_texts(
     return texts
 
 
-def _is_large(moved: FloatArray) -> BoolArray:
-    size = np.sqrt((moved**2).sum(axis=(0, 1)))
-    return np.asarray(size > LEAST_SHARE * float(size.max(initial=0.0)))
+def unseen_columns(columns: FloatArray, least_share: float = RANK_TOLERANCE) -> BoolArray:
+    """Return (p,) true for (n, m, p) columns no longer than a share of the longest."""
+    size = np.linalg.norm(columns, axis=(0, 1))
+    return np.asarray(size <= least_share * float(size.max(initial=0.0)))
 
 
 def _names(robot: Robot, joints: BoolArray) -> str:
