@@ -163,6 +163,13 @@ def test_one_dial_gauge_along_z_needs_two_columns_less(tmp_path, kr10, twin):
     assert samples.directions.shape == (N, 1, 3)
 
 
+def test_validate_names_an_axis_that_moved_in_a_file_of_readings(tmp_path, columns, kr10):
+    file = tmp_path / "gauge.csv"
+    pd.DataFrame(columns | {"e1_mm": 100.0 * np.arange(N)}).to_csv(file, index=False)
+    warnings = [finding.message for finding in validate(file, robot=kr10).warnings]
+    assert any("e1_mm" in message and "an axis that moved" in message for message in warnings)
+
+
 def test_validate_reports_on_readings_and_names_joints_that_no_weight_turns(
     tmp_path, columns, kr10
 ):
