@@ -22,7 +22,7 @@ from stiff_bench.model_tools.plugins import check
 from stiff_bench.plan.cells import cell_tasks
 from stiff_bench.plan.registry import registry, use_only
 from stiff_bench.run.cell import compute_cell
-from stiff_datasets.measured.sheet_files import sample_table
+from stiff_datasets.measured.table_reader import sample_table
 from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.scoring.metrics import METRICS
 

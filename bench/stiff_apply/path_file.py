@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stiff_apply.tool_task import LoadFrame, frame_matrix, six_numbers
-from stiff_bench.console import say
-from stiff_datasets.measured.load_file import interval_columns
-from stiff_datasets.measured.rotations import (
+from stiff_apply.rotations import (
     euler_angles,
     euler_rotations,
     quaternion_rotations,
 )
+from stiff_apply.tool_task import LoadFrame, frame_matrix, six_numbers
+from stiff_bench.console import say
+from stiff_datasets.measured.query_file import interval_columns
 from stiff_datasets.measured.row_checks import (
     FULL_TURN_RAD,
     NO_TORQUE,
@@ -42,7 +42,7 @@ from stiff_datasets.measured.sample_columns import (
     file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sheet_files import Sheet, read_sheet, write_table
+from stiff_datasets.measured.table_reader import Sheet, read_sheet, write_table
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Interval, Robot
 from stiff_protocols.paths.compensation import Compensation

@@ -44,7 +44,7 @@ from stiff_datasets.measured.sample_columns import (
     file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sheet_files import write_table
+from stiff_datasets.measured.table_reader import write_table
 from stiff_protocols.contract.display import MOST_ROWS, Screen, ShownObject
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchError
 from stiff_protocols.contract.robot import Robot

@@ -26,6 +26,7 @@ from stiff_apply.programs.load_lines import loads_by_line, write_loads_template
 from stiff_apply.programs.program import LeftMotion, RobotProgram, write_texts
 from stiff_apply.tool_paths import CorrectedPath
 from stiff_apply.tool_task import ToolTask, check_word, frame_matrix, tool_task
+from stiff_bench.analysis.extrapolation import extrapolation_details
 from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.console import printable
 from stiff_bench.parameter_types import (
@@ -42,7 +43,6 @@ from stiff_bench.parameter_types import (
 from stiff_bench.run.progress import display
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.row_checks import row_ranges
-from stiff_datasets.measured.rows_beyond_training import extrapolation_details
 from stiff_datasets.measured.sample_columns import MM_PER_M
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
 from stiff_protocols.contract.files import check_new_file

@@ -31,6 +31,7 @@ from stiff_apply.workspace import (
     reachable_region,
     reached_poses,
 )
+from stiff_bench.analysis.extrapolation import extrapolation_warning
 from stiff_bench.api.model import Model
 from stiff_bench.parameter_types import (
     Angles,
@@ -46,14 +47,13 @@ from stiff_bench.parameter_types import (
 from stiff_bench.run.progress import display
 from stiff_bench.tables.picture_file import METADATA
 from stiff_bench.tables.units import MM
-from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     MM_PER_M,
     file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sheet_files import PARQUET, write_table
+from stiff_datasets.measured.table_reader import PARQUET, write_table
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_protocols.contract.display import printable
 from stiff_protocols.contract.errors import (

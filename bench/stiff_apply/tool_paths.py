@@ -13,6 +13,7 @@ import numpy as np
 from stiff_apply.expected_error import ExpectedError, expected_error
 from stiff_apply.path_file import PathTable, corrected_table, path_problems, read_path
 from stiff_apply.tool_task import LoadFrame, ToolTask, check_word, tool_task
+from stiff_bench.analysis.extrapolation import extrapolation_details
 from stiff_bench.api.model import Model, wrap_model_errors
 from stiff_bench.console import printable, say
 from stiff_bench.parameter_types import (
@@ -28,9 +29,8 @@ from stiff_bench.parameter_types import (
 )
 from stiff_bench.run.progress import display
 from stiff_datasets.measured.row_checks import Problem, problems_error
-from stiff_datasets.measured.rows_beyond_training import extrapolation_details
 from stiff_datasets.measured.sample_columns import MM_PER_M
-from stiff_datasets.measured.sheet_files import write_table
+from stiff_datasets.measured.table_reader import write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, warn
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.stiffness_model import offers

@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
+from stiff_apply.rotations import euler_rotations
 from stiff_bench.api.model import Model
 from stiff_bench.tables.picture_file import check_suffix
-from stiff_datasets.measured.rotations import euler_rotations
 from stiff_datasets.measured.sample_columns import MAX_NUMBER, MM_PER_M, file_units
 from stiff_protocols.contract.errors import ConfigError, unknown_name
 from stiff_protocols.contract.files import check_new_file

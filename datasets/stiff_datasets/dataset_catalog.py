@@ -74,7 +74,7 @@ DATASETS = (
         target="stiff_datasets.twin.robot_twin:RobotTwin",
         kind="simulated",
         summary="twin of your own robot: --set robot-twin.constants=FILE.toml",
-        reference="format of the file: stiff_datasets/twin/constants.py",
+        reference="format of the file: stiff_datasets/twin/twin_file.py",
         caveats=("robot-twin is simulated, never measured.",),
     ),
     DatasetInfo(

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stiff_datasets.twin.constants import read_constants
 from stiff_datasets.twin.experiment import recorded_deflection, recorded_wrench
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import read_constants
 
 plan = pd.read_csv(sys.argv[1])
 constants = read_constants(Path(__file__).with_name("my_robot.toml"))

@@ -34,7 +34,9 @@ from tabulate import tabulate
 
 from stiff_datasets.measured.identifiability import regressor
 from stiff_datasets.planning.poses import Poses
-from stiff_datasets.twin.constants import (
+from stiff_datasets.twin.experiment import TwinExperiment, recorded_deflection, recorded_wrench
+from stiff_datasets.twin.kr10_twin import CALIBRATIONS
+from stiff_datasets.twin.twin_file import (
     LAST_SPECIMEN,
     MAX_RATIO,
     MIN_RATIO,
@@ -42,8 +44,6 @@ from stiff_datasets.twin.constants import (
     Noise,
     TwinConstants,
 )
-from stiff_datasets.twin.experiment import TwinExperiment, recorded_deflection, recorded_wrench
-from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.extras import require
 from stiff_protocols.contract.files import make_folder, written_whole

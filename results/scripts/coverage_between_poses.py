@@ -18,8 +18,8 @@ import stiffbench as sb
 from planned_poses import measured
 from stiff_bench.analysis.pose_plans import PlanOptions, first_plan
 from stiff_bench.plan.options import held_data
-from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import shipped_constants
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Samples
 

@@ -16,11 +16,11 @@ from tabulate import tabulate
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.planning.poses import Poses
-from stiff_datasets.twin.constants import TwinConstants, shipped_constants
 from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.kr10_twin import CALIBRATIONS
 from stiff_datasets.twin.robot_twin import random_poses
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import TwinConstants, shipped_constants
 from stiff_models.model_catalog import model_info
 from stiff_models.physics.fitted_geometry import fitted_geometry, moved_twists, moved_wrench
 from stiff_models.physics.full_vjm import spring_twists

@@ -13,10 +13,10 @@ from tabulate import tabulate
 
 from stiff_bench.analysis.pose_plans import Measured, PlanOptions, next_plan
 from stiff_bench.plan.options import Choice
-from stiff_bench.run.whole_fit import whole_fit
+from stiff_bench.run.final_fit import final_fit
 from stiff_datasets.planning.plan import MeasurementPlan, candidate_plan
-from stiff_datasets.twin.constants import TwinConstants, shipped_constants
 from stiff_datasets.twin.experiment import TwinExperiment, recorded_deflection, recorded_wrench
+from stiff_datasets.twin.twin_file import TwinConstants, shipped_constants
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.types import Samples
 
@@ -58,7 +58,7 @@ def outcome(twin: str, model: str, n_measured: int, n_new: int, seed: int) -> Ou
 
     def error(*new: MeasurementPlan) -> float:
         parts = (measured(constants, plan, 3000 + seed) for plan in new)
-        fitted, _ = whole_fit(choice, Samples.together(samples, *parts), robot)
+        fitted, _ = final_fit(choice, Samples.together(samples, *parts), robot)
         predicted = fitted.predict(tested.q, tested.wrench)
         return float(np.linalg.norm(predicted - tested.deflection, axis=1).mean() * 1000.0)
 

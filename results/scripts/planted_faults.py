@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
+from stiff_datasets.measured.fault_hypotheses import reading
 from stiff_datasets.measured.file_options import FileOptions
-from stiff_datasets.measured.mistakes import reading
 from stiff_datasets.measured.sample_columns import DEFLECTION_COLUMNS, WRENCH_COLUMNS
-from stiff_datasets.measured.sheet_files import sample_table, write_table
+from stiff_datasets.measured.table_reader import sample_table, write_table
 from stiff_datasets.measured.validation_report import ValidationReport, validate
 from stiff_datasets.twin.kr10_twin import Kr10Twin, Kr10TwinMultiload, Kr10TwinOmni
 from stiff_datasets.twin.robot_twin import Ur5Twin

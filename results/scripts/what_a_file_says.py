@@ -14,10 +14,10 @@ import pandas as pd
 from tabulate import tabulate
 from threadpoolctl import threadpool_limits
 
-from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.effects import World
 from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.robot_twin import ARMS, HEAVIEST, POSES, random_poses
+from stiff_datasets.twin.twin_file import shipped_constants
 from stiff_models.regressors.bayes_springs import BayesSprings
 from stiff_protocols.contract.types import FloatArray, Samples
 

@@ -27,12 +27,12 @@ from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
 from stiff_datasets.measured.data_card import parse_card, read_card
 from stiff_datasets.measured.descriptors import croissant, describe, json_text
-from stiff_datasets.measured.load_file import read_loads
+from stiff_datasets.measured.query_file import read_loads
 from stiff_datasets.measured.sample_file import read_samples
-from stiff_datasets.measured.sheet_files import sample_table, write_table
+from stiff_datasets.measured.table_reader import sample_table, write_table
 from stiff_datasets.robots.shipped_robots import named_robot
 from stiff_datasets.robots.urdf_reader import read_robot
-from stiff_datasets.twin.constants import read_constants
+from stiff_datasets.twin.twin_file import read_constants
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import Robot
 

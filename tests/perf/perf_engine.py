@@ -25,9 +25,9 @@ from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks
 from stiff_bench.run.cell import Execution
 from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_datasets.measured.file_options import FileOptions
-from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.simulate import simulate
+from stiff_datasets.twin.twin_file import shipped_constants
 from stiff_protocols.contract.record import CellResult, Cost, RunManifest
 from stiff_protocols.contract.types import Prediction
 from stiff_protocols.scoring.metrics import METRICS

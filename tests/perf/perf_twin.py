@@ -7,8 +7,8 @@ import pytest
 
 from helpers.perf_case import ours_or_peer
 from helpers.pinocchio_twin import elastic_pinocchio, torque_and_tcp
-from stiff_datasets.twin.constants import shipped_constants, specimen_law
 from stiff_datasets.twin.twin import TOLERANCE_NM, DigitalTwin
+from stiff_datasets.twin.twin_file import shipped_constants, specimen_law
 from stiff_protocols.contract.types import FloatArray
 
 CONSTANTS = shipped_constants("kr10_r1100_2")

@@ -25,7 +25,7 @@ from stiff_apply.programs.program import (
     Reading,
 )
 from stiff_apply.programs.statements import Names, Number
-from stiff_datasets.measured.rotations import euler_rotations
+from stiff_apply.rotations import euler_rotations
 from stiff_protocols.contract.types import FloatArray
 
 SECTION = re.compile(r"^/(MN|POS|END)\b", re.MULTILINE)

@@ -37,7 +37,7 @@ from stiff_apply.programs.statements import (
     without_comments,
     without_strings,
 )
-from stiff_datasets.measured.rotations import euler_rotations
+from stiff_apply.rotations import euler_rotations
 from stiff_protocols.contract.types import BoolArray, FloatArray
 
 POSE, JOINTS = ("X", "Y", "Z", "A", "B", "C"), ("A1", "A2", "A3", "A4", "A5", "A6")

@@ -16,7 +16,7 @@ from stiff_datasets.measured.row_checks import (
     problems_error,
 )
 from stiff_datasets.measured.sample_columns import WRENCH_COLUMNS
-from stiff_datasets.measured.sheet_files import read_sheet, write_table
+from stiff_datasets.measured.table_reader import read_sheet, write_table
 from stiff_protocols.contract.types import FloatArray
 
 LINE_COLUMN = "line"

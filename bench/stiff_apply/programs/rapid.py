@@ -36,7 +36,7 @@ from stiff_apply.programs.statements import (
     without_comments,
     without_strings,
 )
-from stiff_datasets.measured.rotations import quaternion_rotations, quaternions
+from stiff_apply.rotations import quaternion_rotations, quaternions
 from stiff_protocols.contract.types import FloatArray
 
 COMMENT = re.compile(r"\"(?:[^\"\r\n]|\"\")*\"|![^\r\n]*")

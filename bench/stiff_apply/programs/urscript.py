@@ -32,7 +32,7 @@ from stiff_apply.programs.statements import (
     without_comments,
     without_strings,
 )
-from stiff_datasets.measured.rotations import vector_rotations
+from stiff_apply.rotations import vector_rotations
 
 COMMENT = re.compile(r"\"[^\"\r\n]*\"|#[^\r\n]*")
 BREAK = re.compile(r"\"[^\"\r\n]*\"|[\[({]|[\])}]|[\r\n;]+|$")

@@ -1,1 +1,1 @@
-"""Analyze stored results: comparisons, rankings, leaderboards."""
+"""Say which poses to measure, and which rows are far from the measured ones."""

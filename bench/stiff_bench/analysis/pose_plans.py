@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from stiff_bench.plan.options import Choice
-from stiff_bench.run.whole_fit import whole_fit
+from stiff_bench.run.final_fit import final_fit
 from stiff_bench.tables.table import Column, Entry, Table
 from stiff_bench.tables.units import counted
 from stiff_bench.tables.writers import plain_text
 from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, regressor
-from stiff_datasets.measured.load_file import Loads, read_loads
+from stiff_datasets.measured.query_file import Loads, read_loads
 from stiff_datasets.measured.sample_columns import Criterion
 from stiff_datasets.planning.design import Design, ProcessDesign, SpringDesign
 from stiff_datasets.planning.plan import (
@@ -275,7 +275,7 @@ class Measured:
         """Return the model fitted to the samples; DataError: it cannot be fitted."""
         try:
             with warnings.catch_warnings(action="ignore"):
-                return whole_fit(self.model, self.samples, self.robot)[0]
+                return final_fit(self.model, self.samples, self.robot)[0]
         except ModelError as error:
             raise DataError(f"{self.file}: {error}") from error
 

@@ -42,7 +42,7 @@ from stiff_datasets.measured.descriptors import (
 )
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.sample_file import read_samples
-from stiff_datasets.measured.sheet_files import sample_table, write_table
+from stiff_datasets.measured.table_reader import sample_table, write_table
 from stiff_datasets.measured.validation_report import validate
 from stiff_datasets.robots import urdf_reader
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT, named_robot

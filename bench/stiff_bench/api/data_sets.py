@@ -169,7 +169,7 @@ class Dataset(ShownObject):
 
     def frame(self) -> DataFrame:
         """Return the samples as a table with the columns of a file (deg, N, N m, mm)."""
-        from stiff_datasets.measured.sheet_files import sample_table
+        from stiff_datasets.measured.table_reader import sample_table
 
         return sample_table(self.samples, self.robot)
 

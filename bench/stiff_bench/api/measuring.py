@@ -24,22 +24,22 @@ from stiff_bench.tables.writers import Text
 from stiff_datasets.measured import validation_report as validation
 from stiff_datasets.measured.file_options import DEFAULTS, POSE_TOLERANCE, FileOptions
 from stiff_datasets.measured.sample_columns import Criterion
-from stiff_datasets.measured.sheet_files import Sheet, sheet_of
+from stiff_datasets.measured.table_reader import Sheet, sheet_of
 from stiff_datasets.planning.plan import check_plan_file, write_plan
 from stiff_datasets.planning.reading_plan import write_readings
 from stiff_datasets.robots.shipped_robots import DEFAULT_ROBOT as DEFAULT_ROBOT
 from stiff_datasets.robots.urdf_writer import robot_urdf
 from stiff_datasets.twin import simulate as simulation
-from stiff_datasets.twin.constants import (
+from stiff_datasets.twin.effects import World
+from stiff_datasets.twin.experiment import Approach
+from stiff_datasets.twin.fresh_arms import FRESH_ARM, fresh_arm
+from stiff_datasets.twin.robot_twin import TwinData
+from stiff_datasets.twin.twin_file import (
     TwinConstants,
     read_constants,
     shipped_constants,
     shipped_twins,
 )
-from stiff_datasets.twin.effects import World
-from stiff_datasets.twin.experiment import Approach
-from stiff_datasets.twin.fresh_arms import FRESH_ARM, fresh_arm
-from stiff_datasets.twin.robot_twin import TwinData
 from stiff_models.model_catalog import model_info
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.files import check_new_file

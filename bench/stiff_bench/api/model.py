@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
+from stiff_bench.analysis.extrapolation import extrapolation_warning
 from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of, degrees_text, path_of
 from stiff_bench.api.robots import same_geometry
 from stiff_bench.console import say
@@ -19,12 +20,11 @@ from stiff_bench.plan.cells import DEFAULT_COVERAGE, check_model
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS, registry
 from stiff_bench.results.fit_values import metric_lines
+from stiff_bench.run.final_fit import cross_validated_error, final_fit, left_out_errors
 from stiff_bench.run.progress import display
-from stiff_bench.run.whole_fit import cross_validated_error, left_out_errors, whole_fit
 from stiff_bench.tables.table import Column, Entry, Quantity, Table
 from stiff_bench.tables.units import MM, counted, percent
 from stiff_bench.tables.writers import Text, plain_text
-from stiff_datasets.measured.rows_beyond_training import extrapolation_warning
 from stiff_protocols.contract.display import Screen, ShownObject
 from stiff_protocols.contract.errors import (
     ConfigError,
@@ -121,7 +121,7 @@ class Model(ShownObject):
         """
         data = as_dataset(data, robot)
         with display():
-            self.fitted, self.note = whole_fit(self.choice, data.samples, data.robot, seed=seed)
+            self.fitted, self.note = final_fit(self.choice, data.samples, data.robot, seed=seed)
         self.data = data, seed
         self._has_warned = False
         return self
@@ -203,7 +203,7 @@ class Model(ShownObject):
             ):
                 raise DataError(in_degrees)
             return q, wrench
-        from stiff_datasets.measured.load_file import loads_of
+        from stiff_datasets.measured.query_file import loads_of
 
         if wrench is not None:
             raise ConfigError("is in the DataFrame already; leave it out", "wrench")
@@ -336,7 +336,7 @@ class Model(ShownObject):
             DataError: the loads cannot be read, or the model from a file is corrupt.
             StoreError: the output cannot be written, or exists.
         """
-        from stiff_datasets.measured.load_file import read_loads, write_predictions
+        from stiff_datasets.measured.query_file import read_loads, write_predictions
 
         self.check_fitted()
         check_new_file(Path(output))

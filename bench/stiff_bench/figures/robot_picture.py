@@ -17,7 +17,7 @@ from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.whole_fit import whole_fit
+from stiff_bench.run.final_fit import final_fit
 from stiff_bench.store.database import read_data
 from stiff_bench.tables.units import MM
 from stiff_models.model_catalog import REFERENCE_MODEL
@@ -341,7 +341,7 @@ def _joint_compliances(
     choice = Choice.of(build_registry().model(REFERENCE_MODEL))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StiffBenchWarning)  # such as joints without torque
-        fitted, _ = whole_fit(choice, samples, robot)
+        fitted, _ = final_fit(choice, samples, robot)
     reason = "" if model is None else f", because {model_name} has no springs of joints"
     springs: IdentifiedSprings = fitted.springs_
     return (

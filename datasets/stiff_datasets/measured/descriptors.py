@@ -32,7 +32,7 @@ from stiff_datasets.measured.sample_columns import (
     joint_columns,
 )
 from stiff_datasets.measured.sample_file import MAX_DEFLECTION_MM
-from stiff_datasets.measured.sheet_files import NUMBER
+from stiff_datasets.measured.table_reader import NUMBER
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.files import written_whole
 from stiff_protocols.contract.types import Robot

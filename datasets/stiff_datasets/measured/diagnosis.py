@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_datasets.measured.mistakes import (
+from stiff_datasets.measured.fault_hypotheses import (
     FITTED_HYPOTHESES,
     GAIN,
     OFFSET_HYPOTHESES,

@@ -33,7 +33,7 @@ from stiff_datasets.measured.sample_columns import (
     joint_columns,
     split_header,
 )
-from stiff_datasets.measured.sheet_files import Sheet, plain_minus
+from stiff_datasets.measured.table_reader import Sheet, plain_minus
 from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, Samples
 
 MASS, PULL, STATE, LOADING = "mass_kg", "pull_N", "state", "loading"

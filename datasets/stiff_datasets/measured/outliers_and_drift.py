@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiff_datasets.measured.mistakes import Reading, compliances, normal_equations
-from stiff_datasets.measured.odd_rows import (
+from stiff_datasets.measured.anomalies import (
     NOISE_MM,
     OUTLIER_DEVIATIONS,
     Finding,
     median_and_deviation,
     warning,
 )
+from stiff_datasets.measured.fault_hypotheses import Reading, compliances, normal_equations
 from stiff_datasets.measured.sample_columns import DEFLECTION_COLUMNS, MM_PER_M
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray
 from stiff_protocols.kinematics.serial_chain import unit_deflections

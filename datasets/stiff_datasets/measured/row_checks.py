@@ -29,7 +29,7 @@ from stiff_datasets.measured.sample_columns import (
     shortened,
     split_header,
 )
-from stiff_datasets.measured.sheet_files import MAYBE_GROUPED, NUMBER, Sheet
+from stiff_datasets.measured.table_reader import MAYBE_GROUPED, NUMBER, Sheet
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import (
     AXES,
@@ -69,7 +69,7 @@ class Problem:
     Attributes:
         value: the invalid value; for the whole file, the description of the error.
         valid: the valid values; "" if they are obvious.
-        row: the row's number (see `sheet_files.Sheet`); None: the whole file.
+        row: the row's number (see `table_reader.Sheet`); None: the whole file.
         column: name of the column, or names of the columns separated by commas.
     """
 

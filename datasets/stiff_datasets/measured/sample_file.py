@@ -65,7 +65,7 @@ from stiff_datasets.measured.sample_columns import (
     optional_columns,
     shortened,
 )
-from stiff_datasets.measured.sheet_files import EXCEL, Sheet, plain_minus, read_sheet, sheet_of
+from stiff_datasets.measured.table_reader import EXCEL, Sheet, plain_minus, read_sheet, sheet_of
 from stiff_datasets.measured.unloaded_positions import (
     MAX_MEDIAN,
     Frame,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stiff_datasets.measured.mistakes import (
+from stiff_datasets.measured.fault_hypotheses import (
     TCP_HYPOTHESIS,
     axes_text,
     joint_positions,

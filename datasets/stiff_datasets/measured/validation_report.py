@@ -12,6 +12,16 @@ from typing import Literal
 
 import numpy as np
 
+from stiff_datasets.measured.anomalies import (
+    FEWEST_SAMPLES,
+    Finding,
+    duplicate_findings,
+    external_axis_findings,
+    fact,
+    range_findings,
+    repeat_findings,
+    warning,
+)
 from stiff_datasets.measured.data_card import DataCard, read_card
 from stiff_datasets.measured.diagnosis import (
     MIN_GAIN_SE,
@@ -23,18 +33,8 @@ from stiff_datasets.measured.diagnosis import (
     relative_compliance,
     rms_of_all,
 )
+from stiff_datasets.measured.fault_hypotheses import Reading, compliances, reading
 from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
-from stiff_datasets.measured.mistakes import Reading, compliances, reading
-from stiff_datasets.measured.odd_rows import (
-    FEWEST_SAMPLES,
-    Finding,
-    duplicate_findings,
-    external_axis_findings,
-    fact,
-    range_findings,
-    repeat_findings,
-    warning,
-)
 from stiff_datasets.measured.outliers_and_drift import (
     MAX_LISTED,
     Change,
@@ -62,7 +62,7 @@ from stiff_datasets.measured.sample_file import (
     CheckedSamples,
     check_sheet,
 )
-from stiff_datasets.measured.sheet_files import Sheet, read_sheet
+from stiff_datasets.measured.table_reader import Sheet, read_sheet
 from stiff_datasets.measured.unloaded_positions import Comparison, compare_positions, in_mm
 from stiff_protocols.contract.display import Screen, printable
 from stiff_protocols.contract.errors import DataError

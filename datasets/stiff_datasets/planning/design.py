@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from stiff_datasets.measured.identifiability import DEFLECTION_NOISE, TOLERANCE
-from stiff_datasets.measured.load_file import Loads
+from stiff_datasets.measured.query_file import Loads
 from stiff_datasets.measured.sample_columns import Criterion
 from stiff_protocols.contract.progress import report
 from stiff_protocols.contract.stiffness_model import StiffnessModel

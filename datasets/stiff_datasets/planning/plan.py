@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stiff_datasets.measured.load_file import Loads
+from stiff_datasets.measured.query_file import Loads
 from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,
     ID_COLUMNS,
@@ -24,7 +24,7 @@ from stiff_datasets.measured.sample_columns import (
     file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sheet_files import write_table
+from stiff_datasets.measured.table_reader import write_table
 from stiff_datasets.planning.design import Design
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses

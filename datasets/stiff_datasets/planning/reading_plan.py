@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from stiff_datasets.measured.sample_columns import DIRECTION_COLUMNS, ID_COLUMNS
-from stiff_datasets.measured.sheet_files import write_table
+from stiff_datasets.measured.table_reader import write_table
 from stiff_datasets.planning.design import SpringDesign
 from stiff_datasets.planning.loads import hook_wrenches, stream
 from stiff_datasets.planning.plan import (

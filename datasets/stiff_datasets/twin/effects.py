@@ -19,10 +19,10 @@ import numpy as np
 from stiff_datasets.planning.loads import omni_forces, stream
 from stiff_datasets.planning.reachable import reachable_poses
 from stiff_datasets.robots.urdf_reader import rotation_of
-from stiff_datasets.twin.constants import ARCMIN, SLIDE, Noise, TwinConstants, specimen_law
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
 from stiff_datasets.twin.gears import CYCLOIDAL, STRAIN_WAVE
+from stiff_datasets.twin.twin_file import ARCMIN, SLIDE, Noise, TwinConstants, specimen_law
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot
 
@@ -216,7 +216,7 @@ class BendingLinks(Effect):
         if (beams := constants.beams) is None:
             raise DataError(
                 f"{constants.name}: no table [beams], which the worlds structure and all need "
-                "(valid: sections as in stiff_datasets/twin/constants.py, or another world)"
+                "(valid: sections as in stiff_datasets/twin/twin_file.py, or another world)"
             )
         height = np.array([tube.outer_m for tube in beams.segment])
         aspect = rng.uniform(*ASPECTS, size=len(height))

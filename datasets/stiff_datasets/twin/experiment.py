@@ -19,9 +19,9 @@ from stiff_datasets.planning.loads import (
     stream,
 )
 from stiff_datasets.planning.poses import Poses
-from stiff_datasets.twin.constants import Noise, TwinConstants
 from stiff_datasets.twin.effects import World
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import Noise, TwinConstants
 from stiff_protocols.contract.types import DRAWN, TRUTH, BenchmarkData, FloatArray, Samples
 
 DECIMALS_DEG, DECIMALS_N, DECIMALS_NM, DECIMALS_MM = 4, 3, 5, 5

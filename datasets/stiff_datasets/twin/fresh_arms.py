@@ -12,11 +12,11 @@ import numpy as np
 
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.reachable import reachable_poses
-from stiff_datasets.twin.constants import BeamsTable, JointTable, Tube, TwinConstants
 from stiff_datasets.twin.effects import World, direction
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gears import CATALOGUE, CYCLOIDAL, STRAIN_WAVE, GearKind
 from stiff_datasets.twin.robot_twin import HEAVIEST, HookTwin
+from stiff_datasets.twin.twin_file import BeamsTable, JointTable, Tube, TwinConstants
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.types import BenchmarkData, FloatArray, Robot
 

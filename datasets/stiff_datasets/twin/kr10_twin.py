@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from stiff_datasets.planning.poses import Poses, bent_wrist_poses, paper_poses
-from stiff_datasets.twin.constants import TwinConstants, shipped_constants
 from stiff_datasets.twin.robot_twin import POSES, MeasuringPlan, TwinData, random_poses
+from stiff_datasets.twin.twin_file import TwinConstants, shipped_constants
 from stiff_protocols.contract.types import BenchmarkData, Robot
 
 

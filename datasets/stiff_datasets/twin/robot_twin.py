@@ -13,14 +13,14 @@ from annotated_types import Ge, Gt, Le
 from stiff_datasets.planning.loads import LoadKind, stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses
-from stiff_datasets.twin.constants import (
+from stiff_datasets.twin.effects import World
+from stiff_datasets.twin.experiment import Approach, TwinExperiment
+from stiff_datasets.twin.twin_file import (
     SpecimenNumber,
     TwinConstants,
     read_constants,
     shipped_constants,
 )
-from stiff_datasets.twin.effects import World
-from stiff_datasets.twin.experiment import Approach, TwinExperiment
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import BenchmarkData
 

@@ -10,7 +10,7 @@ import numpy as np
 from pandas import DataFrame
 
 from stiff_datasets.measured.sample_columns import SIMULATED_GROUP
-from stiff_datasets.measured.sheet_files import PARQUET, sample_table, write_table
+from stiff_datasets.measured.table_reader import PARQUET, sample_table, write_table
 from stiff_datasets.planning.loads import stream
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.planning.reachable import reachable_poses

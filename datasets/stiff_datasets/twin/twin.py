@@ -8,10 +8,10 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from stiff_datasets.twin.constants import TwinConstants, specimen_law
 from stiff_datasets.twin.effects import MIDDLE, WORLDS, Effect, Friction, World
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.gear_law import GearLaw
+from stiff_datasets.twin.twin_file import TwinConstants, specimen_law
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.types import FloatArray, Robot
 

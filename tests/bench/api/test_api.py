@@ -22,7 +22,7 @@ import stiffbench as sb
 from stiff_bench.figures.figure_catalog import FIGURES
 from stiff_bench.paper.paper_figures import FIGURES as PAPERS
 from stiff_bench.plan.registry import registry
-from stiff_datasets.measured.sheet_files import sample_table, write_table
+from stiff_datasets.measured.table_reader import sample_table, write_table
 from stiff_protocols.contract.errors import (
     ConfigError,
     DataError,

@@ -19,10 +19,10 @@ from helpers.command_line import assert_refused, bench_here, started, wait_until
 from helpers.made_robots import arm_lines, gripper_lines, tree_urdf
 from stiff_bench.store.database import read_results
 from stiff_datasets.measured.kr10_measured import registration
-from stiff_datasets.measured.sheet_files import sample_table
+from stiff_datasets.measured.table_reader import sample_table
 from stiff_datasets.measured.validation_report import validate
-from stiff_datasets.twin.constants import shipped_constants, shipped_twins
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import shipped_constants, shipped_twins
 
 FANUC_CSV = files("stiff_datasets") / "data" / "fanuc_r2000ic.csv"
 LOADS = ["fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"]

@@ -15,7 +15,7 @@ from helpers.command_line import bench_here
 from helpers.made_robots import arm_lines, planar_arm, track_lines, tree_urdf
 from helpers.made_samples import samples_with
 from stiff_bench.api.model import load_model
-from stiff_datasets.measured.sheet_files import sample_table, write_table
+from stiff_datasets.measured.table_reader import sample_table, write_table
 from stiff_datasets.robots.urdf_reader import read_robot
 from stiff_models import load
 from stiff_protocols.contract.errors import ConfigError, DataError

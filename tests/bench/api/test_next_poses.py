@@ -13,7 +13,7 @@ import stiffbench as sb
 from helpers.command_line import assert_refused, bench_here
 from stiff_bench.analysis.pose_plans import Measured, PlanOptions, next_plan
 from stiff_bench.plan.options import Choice
-from stiff_datasets.measured.sheet_files import sample_table, write_table
+from stiff_datasets.measured.table_reader import sample_table, write_table
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models.model_catalog import model_info
 

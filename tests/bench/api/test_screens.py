@@ -10,7 +10,7 @@ import pytest
 
 import stiffbench as sb
 from stiff_datasets.measured.data_card import new_card
-from stiff_datasets.measured.sheet_files import sample_table
+from stiff_datasets.measured.table_reader import sample_table
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import BenchmarkData
 

@@ -62,7 +62,7 @@ def data():
 
 
 def simulator():
-    from stiff_datasets.twin.constants import shipped_constants
+    from stiff_datasets.twin.twin_file import shipped_constants
     return shipped_constants("gp12")
 
 

@@ -22,14 +22,14 @@ from planted_faults import (
     outcome,
     replaced,
 )
+from stiff_datasets.measured.fault_hypotheses import reading
 from stiff_datasets.measured.identifiability import regressor
-from stiff_datasets.measured.mistakes import reading
 from stiff_datasets.measured.outliers_and_drift import find_change, find_outliers
-from stiff_datasets.measured.sheet_files import sample_table
+from stiff_datasets.measured.table_reader import sample_table
 from stiff_datasets.planning.design import SpringDesign
 from stiff_datasets.planning.plan import candidate_plan, chosen_plan
-from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.experiment import TwinExperiment
+from stiff_datasets.twin.twin_file import shipped_constants
 
 QUICK = {
     "kr10-twin": ["wrench of opposite sign", "forces in kg", "joint 3 off by -90 deg"],

@@ -17,7 +17,7 @@ from helpers.made_samples import assert_no_pose_is_parted
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.row_checks import linked_rows
 from stiff_datasets.measured.sample_file import check_sheet, read_samples
-from stiff_datasets.measured.sheet_files import read_sheet, sample_table
+from stiff_datasets.measured.table_reader import read_sheet, sample_table
 from stiff_datasets.measured.validation_report import validate
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchWarning
 from stiff_protocols.contract.types import BenchmarkData

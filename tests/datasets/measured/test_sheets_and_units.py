@@ -9,9 +9,9 @@ import pytest
 import stiffbench as sb
 from helpers.command_line import bench_here
 from stiff_datasets.measured.file_options import FileOptions
-from stiff_datasets.measured.load_file import read_loads
+from stiff_datasets.measured.query_file import read_loads
 from stiff_datasets.measured.sample_file import read_samples
-from stiff_datasets.measured.sheet_files import sample_table
+from stiff_datasets.measured.table_reader import sample_table
 from stiff_datasets.measured.validation_report import validate
 from stiff_protocols.contract.errors import ConfigError, DataError, StiffBenchWarning
 

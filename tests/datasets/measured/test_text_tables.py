@@ -12,7 +12,7 @@ from helpers.made_samples import CSV_ROW as GOOD
 from stiff_apply.path_file import read_path
 from stiff_apply.tool_task import tool_of
 from stiff_datasets.measured.descriptors import describe
-from stiff_datasets.measured.load_file import read_loads
+from stiff_datasets.measured.query_file import read_loads
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_protocols.contract.errors import DataError
 

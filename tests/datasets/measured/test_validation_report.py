@@ -11,14 +11,14 @@ import pandas as pd
 import pytest
 
 from helpers.made_samples import samples_with
+from stiff_datasets.measured.anomalies import external_axis_findings, range_findings
+from stiff_datasets.measured.fault_hypotheses import reading
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.measured.identifiability import regressor
-from stiff_datasets.measured.mistakes import reading
-from stiff_datasets.measured.odd_rows import external_axis_findings, range_findings
 from stiff_datasets.measured.outliers_and_drift import find_outliers, outlier_findings
 from stiff_datasets.measured.sample_columns import DEFLECTION_COLUMNS, WRENCH_COLUMNS
 from stiff_datasets.measured.sample_file import read_samples, samples_of
-from stiff_datasets.measured.sheet_files import sample_table, sheet_of
+from stiff_datasets.measured.table_reader import sample_table, sheet_of
 from stiff_datasets.measured.validation_report import validate
 from stiff_models.physics.vjm import identify_joints
 from stiff_protocols.contract.errors import DataError

@@ -12,7 +12,7 @@ import pytest
 from helpers.made_robots import planar_arm, track_lines, tree_urdf
 from helpers.made_samples import samples_with
 from stiff_datasets.measured.identifiability import regressor
-from stiff_datasets.measured.load_file import Loads
+from stiff_datasets.measured.query_file import Loads
 from stiff_datasets.measured.sample_columns import DEFLECTION_COLUMNS
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.planning.design import ProcessDesign, SpringDesign

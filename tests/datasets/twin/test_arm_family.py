@@ -9,11 +9,11 @@ import pinocchio as pin
 import pytest
 
 from stiff_datasets.planning.loads import hook_wrenches, stream
-from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.effects import WORLDS
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_datasets.twin.robot_twin import ARMS, HEAVIEST, ArmFamily, Ur5Twin
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import shipped_constants
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 
 NUMBERS = range(len(ARMS))

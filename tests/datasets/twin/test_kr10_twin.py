@@ -7,13 +7,13 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from stiff_datasets.twin.constants import specimen_law
 from stiff_datasets.twin.kr10_twin import (
     CALIBRATIONS,
     Kr10Twin,
     Kr10TwinMultiload,
     Kr10TwinOmni,
 )
+from stiff_datasets.twin.twin_file import specimen_law
 
 PAYLOAD_N = 10.0 * 9.81
 KEYS = {

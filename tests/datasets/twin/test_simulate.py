@@ -11,10 +11,10 @@ import pytest
 from stiff_datasets.measured.sample_file import read_samples
 from stiff_datasets.robots.shipped_robots import shipped_robot
 from stiff_datasets.twin import simulate as module
-from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.robot_twin import TwinData
 from stiff_datasets.twin.simulate import simulate
+from stiff_datasets.twin.twin_file import shipped_constants
 from stiff_protocols.contract.errors import ConfigError, StoreError
 
 CONSTANTS = shipped_constants("kr10_r1100_2")

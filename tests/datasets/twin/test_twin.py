@@ -11,12 +11,12 @@ from helpers.made_robots import track_lines, tree_urdf
 from helpers.pinocchio_twin import pinocchio_torque
 from stiff_datasets.planning.poses import Poses
 from stiff_datasets.robots.urdf_reader import read_chain
-from stiff_datasets.twin.constants import JointTable, Noise, shipped_constants, specimen_law
 from stiff_datasets.twin.effects import Friction
 from stiff_datasets.twin.elastic_chain import ElasticChain
 from stiff_datasets.twin.experiment import TwinExperiment, recorded_deflection, recorded_wrench
 from stiff_datasets.twin.gears import StrainWaveGear
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import JointTable, Noise, shipped_constants, specimen_law
 from stiff_protocols.contract.errors import DataError
 
 KR10, UR5 = (shipped_constants(name) for name in ("kr10_r1100_2", "ur5"))

@@ -12,7 +12,6 @@ import pytest
 from helpers.pinocchio_twin import elastic_pinocchio, torque_and_tcp
 from stiff_datasets.planning.loads import omni_forces
 from stiff_datasets.robots.shipped_robots import shipped_chain
-from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.effects import (
     STRUCTURE,
     WORLDS,
@@ -33,6 +32,7 @@ from stiff_datasets.twin.effects import (
 )
 from stiff_datasets.twin.robot_twin import ArmFamily, Ur5Twin, random_poses
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import shipped_constants
 from stiff_protocols.contract.types import DRAWN, TRUTH, Prediction
 from stiff_protocols.scoring.metrics import METRICS
 

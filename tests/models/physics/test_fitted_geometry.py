@@ -10,10 +10,10 @@ import pytest
 
 from helpers.made_samples import samples_with
 from helpers.quick_models import quick_model
-from stiff_datasets.twin.constants import shipped_constants
 from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.robot_twin import random_poses
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import shipped_constants
 from stiff_models.io.model_file import load
 from stiff_models.model_catalog import SpringModel
 from stiff_models.physics.fitted_geometry import Geometry, moved_wrench

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from helpers.made_samples import samples_with
-from stiff_datasets.twin.constants import shipped_constants, specimen_law
 from stiff_datasets.twin.kr10_twin import Kr10Twin
+from stiff_datasets.twin.twin_file import shipped_constants, specimen_law
 from stiff_models.physics.full_vjm import FullVjm, ridge, spring_regressor, spring_units
 from stiff_models.physics.vjm import compliance_regressor, identify_joints
 from stiff_protocols.kinematics.serial_chain import joint_torque

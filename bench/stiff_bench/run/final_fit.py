@@ -24,7 +24,7 @@ VALIDATION_FRACTION = 0.2
 """Share of the poses that choose the epoch; the protocols' default."""
 
 
-def whole_fit(
+def final_fit(
     choice: Choice[ModelInfo], samples: Samples, robot: Robot, *, seed: int = 0
 ) -> tuple[Any, str]:
     """Return a new fitted model, and a note on its number of epochs.
@@ -85,7 +85,7 @@ def cross_validated_error(
     """Return the error of a model at poses that its fits left out.
 
     Each fifth of the poses is predicted by a model that is fitted to the other poses as in
-    `whole_fit`. Readings are compared with `predict_reading`. With fewer than five poses, each
+    `final_fit`. Readings are compared with `predict_reading`. With fewer than five poses, each
     pose is left out in turn.
 
     Raises:

@@ -8,7 +8,7 @@ import pytest
 
 from stiff_datasets.measured.sample_columns import ID_COLUMNS
 from stiff_datasets.measured.sample_file import check_sheet, read_samples, samples_of
-from stiff_datasets.measured.sheet_files import read_sheet, sample_table, write_table
+from stiff_datasets.measured.table_reader import read_sheet, sample_table, write_table
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.types import Samples
 

@@ -32,7 +32,7 @@ from stiff_datasets.measured.sample_columns import (
     in_file_units,
     joint_columns,
 )
-from stiff_datasets.measured.sheet_files import Sheet, read_sheet, sheet_of, write_table
+from stiff_datasets.measured.table_reader import Sheet, read_sheet, sheet_of, write_table
 from stiff_protocols.contract.types import AXES, FloatArray, Interval, Robot
 
 EXTRAPOLATES_COLUMN = "extrapolates"

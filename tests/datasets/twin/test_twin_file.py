@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from helpers.made_robots import track_lines, tree_urdf
-from stiff_datasets.twin.constants import ARCMIN, read_constants, specimen_law
 from stiff_datasets.twin.robot_twin import RobotTwin
 from stiff_datasets.twin.twin import DigitalTwin
+from stiff_datasets.twin.twin_file import ARCMIN, read_constants, specimen_law
 from stiff_protocols.contract.errors import DataError, StiffBenchWarning
 
 JOINT = """

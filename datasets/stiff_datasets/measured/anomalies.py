@@ -21,7 +21,7 @@ from stiff_datasets.measured.sample_columns import (
     WRENCH_COLUMNS,
     file_units,
 )
-from stiff_datasets.measured.sheet_files import Sheet
+from stiff_datasets.measured.table_reader import Sheet
 from stiff_protocols.contract.types import BoolArray, FloatArray, IntArray, Robot, Samples
 
 MAX_FORCE_N = 5000.0
@@ -61,7 +61,7 @@ class Finding:
         level: "error": the file cannot be used; "warning": to be checked; "note": a warning that
             needs no check; "fact": as expected.
         message: one line; for a fact "name: value".
-        rows: row numbers in the file (see `stiff_datasets.measured.sheet_files.Sheet`).
+        rows: row numbers in the file (see `stiff_datasets.measured.table_reader.Sheet`).
     """
 
     level: Literal["error", "warning", "note", "fact"]
