@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
+export PYTHONDONTWRITEBYTECODE := # else each process of the tests compiles every module again
 
 .PHONY: run test slow-test lint perf docs leaderboard clean
 

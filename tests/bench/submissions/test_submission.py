@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 
 import pytest
 
+from helpers.changed_submissions import changed_submissions
 from helpers.command_line import bench_here
 from stiff_bench.submissions.submission import CARD, pack_submission, read_submission
 from stiff_protocols.contract.errors import ConfigError, StoreError
@@ -89,3 +91,17 @@ def test_a_card_without_its_plugin_is_refused(folder):
     (folder / "code/mine.py").unlink()
     with pytest.raises(ConfigError, match=r"code/mine\.py"):
         read_submission(folder)
+
+
+def test_only_a_submission_without_fits_of_its_bytes_is_evaluated_by_the_checks(tmp_path, folder):
+    submissions, board = tmp_path / "results/submissions", tmp_path / "results/leaderboard"
+    submissions.mkdir(parents=True)
+    board.mkdir()
+    mine = folder.rename(submissions / "mine")
+    (submissions / "README.md").write_text("| model |")
+    assert changed_submissions(tmp_path / "results") == [mine]
+    entry = {"mine": {"submission": read_submission(mine).sha256}}
+    (board / "fresh.json").write_text(json.dumps(entry))
+    assert changed_submissions(tmp_path / "results") == []
+    (mine / "code/mine.py").write_text(f"{PLUGIN}NUMBER = 1\n")
+    assert changed_submissions(tmp_path / "results") == [mine]
