@@ -20,8 +20,8 @@ import pytest
 from helpers.quick_models import twin_data
 from helpers.run_requests import planned
 from stiff_bench.figures.prepared_figure import Prepared
-from stiff_bench.plan import cells
-from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan import fits
+from stiff_bench.plan.fits import FitTask
 from stiff_bench.store import database as store
 from stiff_datasets.measured.fanuc_r2000ic import FanucR2000iC
 from stiff_datasets.robots.shipped_robots import shipped_chain, shipped_robot
@@ -148,21 +148,21 @@ def plugin_file(tmp_path: Path) -> Callable[[str], Path]:
 
 
 @pytest.fixture()
-def tasks_of(twin: BenchmarkData) -> Callable[..., list[CellTask]]:
-    """Return a function that lists the cells of a run without running them."""
+def tasks_of(twin: BenchmarkData) -> Callable[..., list[FitTask]]:
+    """Return a function that lists the fits of a run without running them."""
 
     def list_tasks(
         models: tuple[str, ...] = ("vjm",),
         dataset: str = "kr10-twin",
         protocol: str = "holdout",
         splits: int | None = None,
-    ) -> list[CellTask]:
+    ) -> list[FitTask]:
         options = {"models": models, "datasets": (dataset,), "protocols": (protocol,)}
-        load = cells.loaded
+        load = fits.loaded
         with pytest.MonkeyPatch.context() as patch:  # its poses take a second
             patch.setattr(
-                cells, "loaded", lambda choice: twin if choice.name == "kr10-twin" else load(choice)
+                fits, "loaded", lambda choice: twin if choice.name == "kr10-twin" else load(choice)
             )
-            return list(cells.cell_tasks(planned(**options, splits=splits)))
+            return list(fits.fit_tasks(planned(**options, splits=splits)))
 
     return list_tasks

@@ -1,4 +1,4 @@
-"""Check that committed tables and pages in results/ follow from the committed cells."""
+"""Check that committed tables and pages in results/ follow from the committed fits."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ of_leaderboard = pytest.mark.xdist_group("leaderboard")  # written once
 @pytest.mark.slow
 @of_leaderboard
 def test_the_committed_leaderboard_is_of_cells_that_are_planned_today(written_leaderboard):
-    """Outdated models, data sets or protocols would leave cells that no plan has."""
+    """Outdated models, data sets or protocols would leave fits that no plan has."""
     of_submissions = submission_cards(RESULTS)
     stored_keys = {
-        result.cell.key
+        result.fit.key
         for result in read_results(written_leaderboard.folder / "runs")
-        if result.cell.model not in {*written_leaderboard.missing_models, *of_submissions}
+        if result.fit.model not in {*written_leaderboard.missing_models, *of_submissions}
     }
     assert stored_keys and stored_keys <= written_leaderboard.planned_keys
 

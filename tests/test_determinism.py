@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from helpers.quick_models import KEYS, fitted, twin_data
-from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.execution import compute_fit
 from stiff_models.model_catalog import model_info
 
 pytestmark = pytest.mark.xdist_group("processes")  # what they predict is kept
@@ -87,9 +87,9 @@ def process_predictions(tmp_path_factory):
 @pytest.mark.parametrize("models", [("vjm", "knn"), ("knn", "vjm")])
 def test_a_cells_prediction_does_not_depend_on_the_cells_before(models, tasks_of):
     (single_task,) = tasks_of(models=("vjm",), splits=1)
-    expected = compute_cell(single_task, "r")
-    results = [compute_cell(task, "r") for task in tasks_of(models=models, splits=1)]
-    (last_result,) = [result for result in results if result.cell.key == expected.cell.key]
+    expected = compute_fit(single_task, "r")
+    results = [compute_fit(task, "r") for task in tasks_of(models=models, splits=1)]
+    (last_result,) = [result for result in results if result.fit.key == expected.fit.key]
     np.testing.assert_array_equal(last_result.prediction.predicted, expected.prediction.predicted)
 
 

@@ -19,9 +19,9 @@ from helpers.command_tree import GROUPS, PARAMETERS
 from helpers.run_requests import planned
 from stiff_bench.api.registered import list_figures
 from stiff_bench.model_tools.plugins import check
-from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.fits import fit_tasks
 from stiff_bench.plan.registry import registry, use_only
-from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.execution import compute_fit
 from stiff_datasets.measured.table_reader import sample_table
 from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.scoring.metrics import METRICS
@@ -93,8 +93,8 @@ def test_a_plugin_of_a_page_passes_its_checks_and_can_be_run(key, fanuc, tmp_pat
     assert checked.passed and len(checked.checks) > 2, repr(checked)
     words = {"models": ("vjm",), "datasets": ("fanuc-r2000ic",), "protocols": ("holdout",)}
     (kind,) = (name for name in words if key in getattr(registry(), name))
-    (task,) = cell_tasks(planned(registry(), **words | {kind: (key,)}, splits=1))
-    result = compute_cell(task, "run")
+    (task,) = fit_tasks(planned(registry(), **words | {kind: (key,)}, splits=1))
+    result = compute_fit(task, "run")
     assert (result.status, result.failure) == ("ok", "")
     assert bool(result.diagnostics) == (key != "mean-deflection")
 

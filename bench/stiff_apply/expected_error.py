@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiff_bench.api.model import MEAN_ERROR, Model, half_width_name, wrap_model_errors
-from stiff_bench.plan.cells import DEFAULT_COVERAGE
+from stiff_bench.plan.fits import DEFAULT_COVERAGE
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.stiffness_model import interval_at_tcp

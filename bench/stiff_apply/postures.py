@@ -34,7 +34,7 @@ from stiff_bench.parameter_types import (
     Load,
     Picture,
 )
-from stiff_bench.plan.cells import DEFAULT_COVERAGE
+from stiff_bench.plan.fits import DEFAULT_COVERAGE
 from stiff_bench.run.progress import display
 from stiff_datasets.measured.sample_columns import (
     DEFLECTION_COLUMNS,

@@ -33,7 +33,7 @@ NAME_COLUMN = 28
 
 
 class Stopped(BaseException):
-    """A signal asked the process to end; no failure of a cell, so no cell may catch it."""
+    """A signal asked the process to end; no failure of a fit, so no fit may catch it."""
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -21,7 +21,7 @@ from stiff_apply.programs.languages import read_program
 from stiff_apply.tool_task import frame_matrix
 from stiff_bench.api.model import load_model
 from stiff_bench.paper.study_file import read_study
-from stiff_bench.plan.cells import models_under
+from stiff_bench.plan.fits import models_under
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.store.database import FILE, read_data, read_manifests, read_results
@@ -139,7 +139,7 @@ def _results(folder: Path) -> PreparedReader:
 
     def read(_: Path) -> object:
         cells = read_results(folder)
-        data = [read_data(folder, result.cell.data_sha256) for result in cells]
+        data = [read_data(folder, result.fit.data_sha256) for result in cells]
         return cells, read_manifests(folder), data
 
     return PreparedReader(path, (valid,), read, damage_bytes)

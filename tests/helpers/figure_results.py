@@ -38,5 +38,5 @@ def with_fields(made: MadeResults, model: str, *, split: int | None = None, **ch
     """Change fields of the stored results of a model, on one split or on all."""
     store = ResultStore(made.folder)
     for result in list(read_results(made.folder)):
-        if result.presentation.model == model and split in (None, result.cell.split_index):
-            store.write_cells([replace(result, **changes)])
+        if result.presentation.model == model and split in (None, result.fit.split_index):
+            store.write_fits([replace(result, **changes)])

@@ -19,7 +19,7 @@ from stiff_bench.results.scores import Scores
 from stiff_bench.store.database import FILE, ResultStore
 from stiff_bench.store.names import Variant
 from stiff_datasets.robots.shipped_robots import shipped_robot
-from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
+from stiff_protocols.contract.record import Fit, FitResult, Presentation, RunManifest
 from stiff_protocols.contract.types import BenchmarkData, IntArray, Interval, Prediction
 
 N_POSES, N_TEST = 12, 4
@@ -90,7 +90,7 @@ class MadeResults:
         presentation = Presentation(of_model.name, dataset, protocol, **about)
         keys = []
         for index in range(max(len(errors_mm), *(split + 1 for split in failed), 0)):
-            cell = Cell(
+            cell = Fit(
                 model=of_model.key,
                 model_params={"name": of_model.name} | of_model.options | (options or {}),
                 dataset=of_data.key,
@@ -107,13 +107,13 @@ class MadeResults:
                 coverage=coverage,
                 source_sha256=source,
             )
-            result = CellResult(cell, presentation, run_id, "failed", failure="it broke")
+            result = FitResult(cell, presentation, run_id, "failed", failure="it broke")
             if index not in failed:
                 tested = (np.arange(N_TEST) + index * N_TEST) % N_POSES if rows is None else rows
                 tested = np.asarray(tested if tests is None else tests[index])
                 done = self._done(cell, presentation, run_id, data, tested, errors_mm[index])
                 result = replace(done, n_train=n_train or len(data.samples) - len(tested))
-            self._store.write_cells([replace(result, n_splits=n_splits)])
+            self._store.write_fits([replace(result, n_splits=n_splits)])
             keys.append(cell.key)
         return keys
 
@@ -143,7 +143,7 @@ class MadeResults:
         tasks = [task for task in stored.tasks if protocol in ("", task.name.protocol)]
         return Scores.of(stored, sort_key(metric), tasks, **chosen)
 
-    def _done(self, cell, presentation, run_id, data, rows, error_mm) -> CellResult:
+    def _done(self, cell, presentation, run_id, data, rows, error_mm) -> FitResult:
         measured = data.samples.deflection[rows]
         error = np.zeros((len(rows), 3))
         error[:, slice(3) if np.ndim(error_mm) == 2 else 2] = np.asarray(error_mm) * 1e-3
@@ -152,7 +152,7 @@ class MadeResults:
             reach = np.abs(error) + 1e-3
             interval = Interval(measured - reach, measured + reach, cell.coverage)
             prediction = replace(prediction, interval=interval)
-        return CellResult(cell, presentation, run_id, "ok", prediction)
+        return FitResult(cell, presentation, run_id, "ok", prediction)
 
     def add_run(self, run_id: str, cells: Sequence[str]) -> None:
         """Write the manifest of a run of these cells."""

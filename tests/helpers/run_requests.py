@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from stiff_bench.plan.cells import CellTask, RunPlan, plan_run
+from stiff_bench.plan.fits import FitTask, RunPlan, plan_run
 from stiff_bench.plan.registry import Registry, build_registry
-from stiff_bench.run.cell import compute_cell
-from stiff_protocols.contract.record import CellResult
+from stiff_bench.run.execution import compute_fit
+from stiff_protocols.contract.record import FitResult
 
 
 def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:
@@ -20,13 +20,13 @@ def planned(registry: Registry | None = None, **changes: Any) -> RunPlan:
     return plan_run(registry or build_registry(), **words)
 
 
-def with_model(task: CellTask, cls: type, **params: Any) -> CellTask:
-    """Return the same cell with another model class."""
+def with_model(task: FitTask, cls: type, **params: Any) -> FitTask:
+    """Return the same fit with another model class."""
     return replace(task, model=replace(task.model, cls=cls, params=params, context={}))
 
 
-def computed(task: CellTask) -> CellResult:
-    """Compute a cell, which must succeed, and return its result."""
-    result = compute_cell(task, "r")
+def computed(task: FitTask) -> FitResult:
+    """Compute a fit, which must succeed, and return its result."""
+    result = compute_fit(task, "r")
     assert result.status == "ok", result.failure
     return result

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.cell import compute_cell
+from stiff_bench.plan.fits import FitTask
+from stiff_bench.run.execution import compute_fit
 from stiff_models.model_catalog import REFERENCE_MODEL, model_info
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.stiffness_model import offers
 from stiff_protocols.contract.types import FloatArray, IntArray, Samples
 
@@ -74,7 +74,7 @@ class SealedSamples(Samples):
         return self._truth.take(rows)
 
 
-def with_other_test_deflections(task: CellTask) -> CellTask:
+def with_other_test_deflections(task: FitTask) -> FitTask:
     """Return the same cell with test deflections 7 m larger on every axis."""
     samples = task.data.samples
     deflection = samples.deflection.copy()
@@ -82,7 +82,7 @@ def with_other_test_deflections(task: CellTask) -> CellTask:
     return replace(task, data=replace(task.data, samples=replace(samples, deflection=deflection)))
 
 
-def computed_under_seal(task: CellTask) -> CellResult:
+def computed_under_seal(task: FitTask) -> FitResult:
     """Compute a cell of the engine.
 
     Raises:
@@ -97,7 +97,7 @@ def computed_under_seal(task: CellTask) -> CellResult:
             for name in CALLS:
                 if offers(cls, name):
                     patch.setattr(cls, name, seal.guarded(cls, name))
-        result = compute_cell(replace(task, data=replace(task.data, samples=samples)), "r")
+        result = compute_fit(replace(task, data=replace(task.data, samples=samples)), "r")
     # otherwise nothing was scored, or other rows were scored
     assert result.status == "ok" and seal.broken, result.failure
     return result

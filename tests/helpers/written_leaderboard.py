@@ -25,7 +25,7 @@ class WrittenLeaderboard:
 
     Attributes:
         folder: folder of the page; its folder `runs` has the results.
-        planned_keys: keys of the cells that are planned today.
+        planned_keys: keys of the fits that are planned today.
         missing_models: planned models that need packages that are not installed.
         board: the board of the page.
     """
@@ -60,8 +60,8 @@ def write_leaderboard(folder: Path) -> WrittenLeaderboard:
         patch.setattr(study_page, "StudyResults", of_page)
         written = write_again("leaderboard", folder)
     (run,), (study,) = runs, studies
-    missing = {task.cell.model for task in run.tasks if task.model.info.missing()}
-    planned = {task.cell.key for task in run.tasks}
+    missing = {task.fit.model for task in run.tasks if task.model.info.missing()}
+    planned = {task.fit.key for task in run.tasks}
     return WrittenLeaderboard(written, planned, missing, study.leaderboard)
 
 

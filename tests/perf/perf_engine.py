@@ -21,14 +21,14 @@ from helpers.perf_case import figure, ours_or_peer
 from helpers.run_requests import planned
 from stiff_bench.api.data_sets import Dataset
 from stiff_bench.api.evaluation import Run
-from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks
-from stiff_bench.run.cell import Execution
+from stiff_bench.plan.fits import FitTask, RunPlan, fit_tasks
+from stiff_bench.run.execution import Execution
 from stiff_bench.store.database import ResultStore, stored_statuses
 from stiff_datasets.measured.file_options import FileOptions
 from stiff_datasets.twin.experiment import TwinExperiment
 from stiff_datasets.twin.simulate import simulate
 from stiff_datasets.twin.twin_file import shipped_constants
-from stiff_protocols.contract.record import CellResult, Cost, RunManifest
+from stiff_protocols.contract.record import Cost, FitResult, RunManifest
 from stiff_protocols.contract.types import Prediction
 from stiff_protocols.scoring.metrics import METRICS
 from stiffbench.commands import execute
@@ -98,7 +98,7 @@ DATASETS = tuple(f"kr10-twin@specimen={number}" for number in range(6))
 PROTOCOLS = ("holdout", "kfold", "sample-efficiency", "space-transfer", "load-extrapolation")
 
 
-def invented_result(task: CellTask, seed: int) -> CellResult:
+def invented_result(task: FitTask, seed: int) -> FitResult:
     """Return an invented result; errors grow with the model's position in `MODELS`."""
     rng, measured = np.random.default_rng(seed), task.data.samples.deflection[task.split.test]
     scale = 1e-4 * (1 + MODELS.index(task.presentation.model))
@@ -106,8 +106,8 @@ def invented_result(task: CellTask, seed: int) -> CellResult:
     predicted, reference = measured + errors
     prediction = Prediction(task.split.test, predicted, measured, reference=reference)
     cost = Cost(*rng.uniform(1e-4, 1e-3, 4).tolist(), 2**20)
-    return CellResult(
-        *(task.cell, task.presentation, "20261121T120000Z-made00", "ok", prediction, cost),
+    return FitResult(
+        *(task.fit, task.presentation, "20261121T120000Z-made00", "ok", prediction, cost),
         n_train=len(task.split.train) + len(task.split.validation),
         n_splits=task.n_splits,
     )
@@ -121,14 +121,14 @@ def board(tmp_path_factory) -> Callable[[int], tuple[Path, int]]:
     def make_board(n_splits: int) -> tuple[Path, int]:
         protocols = [f"kfold@folds={n_splits}" if key == "kfold" else key for key in PROTOCOLS]
         options = {"datasets": DATASETS, "protocols": tuple(protocols), "splits": n_splits}
-        tasks = list(cell_tasks(planned(models=MODELS, **options)))
+        tasks = list(fit_tasks(planned(models=MODELS, **options)))
         store = ResultStore(tmp_path_factory.mktemp("board"))
-        for data in {task.cell.data_sha256: task.data for task in tasks}.values():
+        for data in {task.fit.data_sha256: task.data for task in tasks}.values():
             store.write_data(data)
         results = [invented_result(task, number) for number, task in enumerate(tasks)]
-        store.write_cells(results)
+        store.write_fits(results)
         environment = {"stiffbench": "9.9", "commit": "", "dirty": ""}
-        keys = tuple(task.cell.key for task in tasks)
+        keys = tuple(task.fit.key for task in tasks)
         manifest = RunManifest(results[0].run_id, "bench run", "now", "finished", environment, keys)
         store.write_manifest(manifest)
         return store.folder, sum(

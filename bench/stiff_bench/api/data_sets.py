@@ -13,7 +13,7 @@ import numpy as np
 
 from stiff_bench.api.robots import as_robot
 from stiff_bench.parameter_types import Folder, Point
-from stiff_bench.plan.cells import loaded
+from stiff_bench.plan.fits import loaded
 from stiff_bench.plan.options import (
     Choice,
     chosen,

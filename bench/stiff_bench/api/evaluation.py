@@ -18,13 +18,13 @@ from stiff_bench.api.data_sets import Dataset, as_dataset
 from stiff_bench.api.model import Model, model_choice
 from stiff_bench.console import say
 from stiff_bench.parameter_types import Bounds, Device, Fraction, Seed
-from stiff_bench.plan.cells import CellTask, RunPlan, cell_tasks, plan_run
+from stiff_bench.plan.fits import FitTask, RunPlan, fit_tasks, plan_run
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import registry
 from stiff_bench.results.results import Results
-from stiff_bench.run.cell import REUSED_STATUSES, Execution
+from stiff_bench.run.execution import REUSED_STATUSES, Execution
 from stiff_bench.run.machine import pinned, usable_cores
-from stiff_bench.run.runner import chosen_execution, run_cells
+from stiff_bench.run.runner import chosen_execution, run_fits
 from stiff_bench.store.database import RUNS, ResultStore, mean_seconds, stored_statuses
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.table import Column, Entry, Quantity, Table
@@ -33,7 +33,7 @@ from stiff_bench.tables.writers import Tables
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import DatasetInfo
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 
 if TYPE_CHECKING:
     from stiff_bench.paper.study_file import Study
@@ -54,9 +54,9 @@ class Run:
     execution: Execution
 
     @cached_property
-    def tasks(self) -> list[CellTask]:
-        """Return all cells of the plans."""
-        return list(cell_tasks(*self.plans))
+    def tasks(self) -> list[FitTask]:
+        """Return all fits of the plans."""
+        return list(fit_tasks(*self.plans))
 
     def forecast(self) -> Tables:
         """Return the numbers of stored and missing fits per model, and the expected time."""
@@ -75,7 +75,7 @@ class Run:
             task.presentation.warning for task in tasks if task.presentation.warning
         ):
             say(f"warning: {warning}")
-        finished = run_cells(tasks, plan.command, store, self.execution)
+        finished = run_fits(tasks, plan.command, store, self.execution)
         metrics = tuple(metric.key for metric in plan.metrics)
         return Results(plan.output, metrics, plan.command, finished)
 
@@ -93,7 +93,7 @@ class RunAgainst(Run):
     published: Path
 
     @cached_property
-    def published_results(self) -> list[CellResult]:
+    def published_results(self) -> list[FitResult]:
         """Return published results of other models on the splits of this run.
 
         Raises:
@@ -110,7 +110,7 @@ class RunAgainst(Run):
 
         output, published = self.plans[0].output, self.published_results
         ResultStore(output)
-        keys = {result.cell.key for result in published} | {task.cell.key for task in self.tasks}
+        keys = {result.fit.key for result in published} | {task.fit.key for task in self.tasks}
         if output.resolve() != self.published.resolve():
             merge_fits([self.published], output, keys)
         n_models = counted(len({result.presentation.model for result in published}), "model")
@@ -124,7 +124,7 @@ class RunAgainst(Run):
         together = replace(
             finished,
             results=(*finished.results, *published),
-            cached=finished.cached | {result.cell.key for result in published},
+            cached=finished.cached | {result.fit.key for result in published},
         )
         return replace(computed, finished=together)
 
@@ -139,7 +139,7 @@ class RunAgainst(Run):
         return Tables(tables, self.plans[0].command)
 
 
-def forecast(tasks: Iterable[CellTask], output: Path, execution: Execution) -> tuple[Table, str]:
+def forecast(tasks: Iterable[FitTask], output: Path, execution: Execution) -> tuple[Table, str]:
     """Return a table with the numbers of fits by model and of all, and a line on all.
 
     Nothing is computed or written; the results folder need not exist. Times are means of the
@@ -149,7 +149,7 @@ def forecast(tasks: Iterable[CellTask], output: Path, execution: Execution) -> t
     reused, jobs = REUSED_STATUSES[execution.rerun], execution.at_once
     rows: dict[str, tuple[int, int, float]] = {}  # numbers of fits and missing fits, seconds
     for model, of_model in grouped(tasks, lambda task: task.presentation.model).items():
-        missing = sum(statuses.get(task.cell.key) not in reused for task in of_model)
+        missing = sum(statuses.get(task.fit.key) not in reused for task in of_model)
         seconds = missing * means.get(model, math.nan) if missing else 0.0
         rows[model] = len(of_model), missing, seconds
     n_all, n_missing, seconds = (sum(column) for column in zip(*rows.values(), strict=True))
@@ -313,7 +313,7 @@ class Reproduction(Run):
         from stiff_bench.page.study_page import write_page
 
         stored = stored_statuses(self.plans[0].output)
-        missing = [task.model.info for task in self.tasks if task.cell.key not in stored]
+        missing = [task.model.info for task in self.tasks if task.fit.key not in stored]
         n_missing = sum(not info.missing() for info in missing)  # others cannot run here
         command = self.plans[0].command
         return write_page(self.study, self.output, command, n_missing)
@@ -386,7 +386,7 @@ def run_facts(results: Results) -> list[str]:
     finished = results.finished
     assert finished is not None
     lines = [f"{finished.summary}; {finished.wall_s:.1f} s; stored in {results.folder}"]
-    failed = [result.cell.key for result in finished.results if result.status == "failed"]
+    failed = [result.fit.key for result in finished.results if result.status == "failed"]
     if old := len(finished.cached.intersection(failed)):
         lines.append(f"{old} of the failures are of earlier runs; --rerun failed repeats them")
     return lines

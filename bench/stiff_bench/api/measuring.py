@@ -17,7 +17,7 @@ from stiff_bench.api.model import model_choice
 from stiff_bench.api.robots import as_robot, payload_of, robot_words
 from stiff_bench.console import say
 from stiff_bench.parameter_types import Bounds, Count, FilePath, Form, Point, PoseTolerance, Seed
-from stiff_bench.plan.cells import loaded
+from stiff_bench.plan.fits import loaded
 from stiff_bench.plan.options import measured_file
 from stiff_bench.run.progress import display
 from stiff_bench.tables.writers import Text

@@ -16,7 +16,7 @@ from stiff_bench.api.data_sets import Dataset, as_dataset, choice_of, degrees_te
 from stiff_bench.api.robots import same_geometry
 from stiff_bench.console import say
 from stiff_bench.parameter_types import FilePath, Fraction
-from stiff_bench.plan.cells import DEFAULT_COVERAGE, check_model
+from stiff_bench.plan.fits import DEFAULT_COVERAGE, check_model
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import OURS, registry
 from stiff_bench.results.fit_values import metric_lines

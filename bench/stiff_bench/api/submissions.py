@@ -9,7 +9,7 @@ from pathlib import Path
 from stiff_bench.paper.study_file import find_study
 from stiff_bench.parameter_types import FilePath, Folder
 from stiff_bench.results.fresh_robots import FILE, read_entries
-from stiff_bench.run.cell import Execution
+from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit_process import Limits
 from stiff_bench.submissions.card import read_card
 from stiff_bench.submissions.sealed_fit import SealedModel

@@ -19,7 +19,7 @@ from stiff_bench.results.fit_values import pooled_prediction
 from stiff_bench.store.database import read_data
 from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import percent
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.types import BoolArray, TextArray
 from stiff_protocols.scoring.bootstrap import pose_errors, resampled_means
 from stiff_protocols.scoring.paired import LEVEL
@@ -96,14 +96,14 @@ def _shares(source: FigureSource, compared: Compared, name: str) -> Iterator[dic
     results = compared.task.results(name, compared.splits)
     splits = [of_split[_key_without_coverage(result)] for result in results]
     every = chain.from_iterable(splits)
-    of_coverage = grouped(every, lambda result: result.cell.coverage or 0.0)
+    of_coverage = grouped(every, lambda result: result.fit.coverage or 0.0)
     pose_id = read_data(source.folder, compared.task.name.data_sha256).samples.pose_id
     for coverage, members in of_coverage.items():
         if len(members) == len(splits):
             yield {"nominal": coverage, **_share_inside(members, pose_id)}
 
 
-def _share_inside(results: Sequence[CellResult], pose_id: TextArray) -> dict[str, float]:
+def _share_inside(results: Sequence[FitResult], pose_id: TextArray) -> dict[str, float]:
     """Return the share of samples inside, with its interval over poses."""
     tested = pooled_prediction(results)
     assert tested.interval is not None  # each result has an interval
@@ -116,9 +116,9 @@ def _share_inside(results: Sequence[CellResult], pose_id: TextArray) -> dict[str
     return {"share": share, "low": float(bounds[0]), "high": float(bounds[1])}
 
 
-def _has_interval(result: CellResult) -> bool:
+def _has_interval(result: FitResult) -> bool:
     return result.prediction is not None and result.prediction.interval is not None
 
 
-def _key_without_coverage(result: CellResult) -> str:
-    return replace(result.cell, coverage=None).key
+def _key_without_coverage(result: FitResult) -> str:
+    return replace(result.fit, coverage=None).key

@@ -19,7 +19,7 @@ from stiff_bench.store.names import grouped
 from stiff_bench.tables.units import counted
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.record import CellResult, Presentation
+from stiff_protocols.contract.record import FitResult, Presentation
 from stiff_protocols.contract.types import FloatArray, Prediction
 from stiff_protocols.scoring.metrics import norm_errors
 
@@ -27,7 +27,7 @@ LEAST = 1e-12
 """Smallest error before a logarithm is taken, m."""
 NOISE = "noise"
 """Key of `BOUND_NAMES`: the deflection before the instruments' noise."""
-Has = Callable[[CellResult], object]
+Has = Callable[[FitResult], object]
 """Test of a result: true if a figure can show it."""
 
 
@@ -148,7 +148,7 @@ class FigureSource:
         done = {name for task in tasks for name, model in task.models.items() if model.done}
         return [name for name in (names or every_name) if name in done]
 
-    def results(self, task: Task, has: Has) -> list[CellResult]:
+    def results(self, task: Task, has: Has) -> list[FitResult]:
         """Return the results of the selected models in a task that pass `has`."""
         names = self.names([task])
         return [result for name in names for result in task.results(name) if has(result)]
@@ -348,7 +348,7 @@ class Panels:
         return conditions.pop() if len(conditions) == 1 else ""
 
 
-def noise_floor(results: Iterable[CellResult]) -> float | None:
+def noise_floor(results: Iterable[FitResult]) -> float | None:
     """Return the mean length of the error from the instruments' noise, m; None: not known.
 
     `results` cover the drawn splits; the results of a single model are enough.
@@ -368,7 +368,7 @@ def _mean_distance(predicted: FloatArray, measured: FloatArray) -> float:
     return float(np.linalg.norm(predicted - measured, axis=1).mean())
 
 
-def mean_length(results: Sequence[CellResult]) -> float:
+def mean_length(results: Sequence[FitResult]) -> float:
     """Return the mean length of the error over the test samples of some results, m."""
     return float(norm_errors(pooled_prediction(results)).mean())
 

@@ -14,7 +14,7 @@ from stiff_bench.figures import style
 from stiff_bench.figures.figure_source import FigureSource
 from stiff_bench.figures.prepared_figure import Prepared
 from stiff_bench.store.names import grouped
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.types import BoolArray, FloatArray
 from stiff_protocols.springs.identification import SPRING_CURVE
 
@@ -128,7 +128,7 @@ def least_at(losses: FloatArray) -> int:
     return int(np.argmin(np.where(has_place(losses), losses, np.inf)))
 
 
-def curves_of(result: CellResult, name: str) -> list[LossCurve]:
+def curves_of(result: FitResult, name: str) -> list[LossCurve]:
     """Return the curves of a result that can be drawn."""
     return [
         LossCurve(name, phase, points, number)

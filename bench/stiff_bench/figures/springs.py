@@ -25,12 +25,12 @@ from stiff_bench.figures.style import (
     share_legend,
     short,
 )
-from stiff_bench.plan.cells import true_joint_turns
+from stiff_bench.plan.fits import true_joint_turns
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.store.database import read_data
 from stiff_bench.store.samples import StoredData
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.springs.identification import SPRING_CURVE, contributions, spring_key
 
@@ -59,7 +59,7 @@ and NaN if no training sample's torque reaches the segment.
 def springs_figure(
     data: StoredData,
     draw: Callable[[Axes, int], FloatArray],
-    linear: Sequence[CellResult],
+    linear: Sequence[FitResult],
 ) -> Figure:
     """Draw a panel per joint.
 
@@ -85,7 +85,7 @@ def springs_figure(
 
 
 def _draw_segments(
-    data: StoredData, torque: FloatArray, results: Sequence[CellResult], axes: Axes, joint: int
+    data: StoredData, torque: FloatArray, results: Sequence[FitResult], axes: Axes, joint: int
 ) -> FloatArray:
     """Draw a joint's segmented springs for (n, n_joints) torques [N m or N]."""
     blue, top = looks(1)[0], float(torque[:, joint].max()) or 1.0
@@ -108,7 +108,7 @@ def _draw_segments(
 
 def _draw_curves(
     data: StoredData,
-    results: Sequence[CellResult],
+    results: Sequence[FitResult],
     truth: Callable[[FloatArray], FloatArray] | None,
     axes: Axes,
     joint: int,
@@ -145,10 +145,10 @@ def _draw_curves(
 def springs(source: FigureSource) -> Prepared:
     """Show torque and deflection of each joint, with the springs identified on each split."""
 
-    def has_curves(result: CellResult) -> bool:
+    def has_curves(result: FitResult) -> bool:
         return any(name.startswith(SPRING_CURVE) for name in result.curves)
 
-    def has_springs(result: CellResult) -> bool:
+    def has_springs(result: FitResult) -> bool:
         segmented = any(name.startswith("breakpoint ") for name in result.diagnostics)
         return segmented or has_curves(result)
 
@@ -159,7 +159,7 @@ def springs(source: FigureSource) -> Prepared:
     stored = read_data(source.folder, task.name.data_sha256)
     linear = task.results(REFERENCE_MODEL) if REFERENCE_MODEL in task.models else ()
     if has_curves(results[0]):
-        truth = true_joint_turns(results[0].cell, build_registry())
+        truth = true_joint_turns(results[0].fit, build_registry())
         truth_note = ", next to the simulated robot's true deflection" if truth else ""
         about = (
             f"Deflection of each joint by a torque that loads it from rest, as predicted by {model}"
@@ -201,7 +201,7 @@ def what_bends(source: FigureSource) -> Prepared:
     return Prepared("What bends", caption, partial(_parts_figure, fits, parts), subtitle(task))
 
 
-def _contributions(result: CellResult) -> dict[str, Part]:
+def _contributions(result: FitResult) -> dict[str, Part]:
     return contributions(result.diagnostics)
 
 
@@ -249,9 +249,9 @@ def _deflection(torque: FloatArray, spring: Spring) -> FloatArray:
     return np.asarray(np.interp(torque, nodes, [0.0, *heights]))
 
 
-def _torques(stored: StoredData, result: CellResult) -> tuple[FloatArray, str]:
+def _torques(stored: StoredData, result: FitResult) -> tuple[FloatArray, str]:
     """Return the (n, n_joints) torques on the model's springs, and their source in words."""
-    if not result.cell.model_params.get("gravity"):
+    if not result.fit.model_params.get("gravity"):
         return stored.torque, "of the loads"
     weights = stored.robot.gravity_torque(stored.samples.q)
     return stored.torque + weights, "of loads and the links' weights"

@@ -22,29 +22,29 @@ from stiff_bench.tables.units import MM
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_models.transfer.freeze_strategies import named_layers
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.scoring.metrics import absolute_errors
 
 LEAST_TO_MOST = ("pi", 100)
 """Seaborn's error bar from the least to the largest."""
 
 
-def variants_of(results: Sequence[CellResult], *options: str) -> tuple[str, list[CellResult]]:
+def variants_of(results: Sequence[FitResult], *options: str) -> tuple[str, list[FitResult]]:
     """Return the model with most values of some options, and its results.
 
     The results differ only in these options and in their splits.
     """
 
-    def other_options(result: CellResult) -> tuple[str, ...]:
-        given = result.cell.model_params
-        return (result.cell.model, *(f"{k}={given[k]}" for k in sorted(given) if k not in options))
+    def other_options(result: FitResult) -> tuple[str, ...]:
+        given = result.fit.model_params
+        return (result.fit.model, *(f"{k}={given[k]}" for k in sorted(given) if k not in options))
 
-    def n_values(members: list[CellResult]) -> int:
-        params = [result.cell.model_params for result in members]
+    def n_values(members: list[FitResult]) -> int:
+        params = [result.fit.model_params for result in members]
         return len({tuple(str(given.get(option)) for option in options) for given in params})
 
     largest = max(grouped(results, other_options).values(), key=n_values)
-    return largest[0].cell.model, largest
+    return largest[0].fit.model, largest
 
 
 FEWEST_STRATEGIES = 2
@@ -56,29 +56,29 @@ _STRATEGIES = (
 )
 
 
-def freeze_of(result: CellResult) -> str:
+def freeze_of(result: FitResult) -> str:
     """Return a result's freeze strategy; "" if its model has none."""
-    return str(result.cell.model_params.get("freeze") or "")
+    return str(result.fit.model_params.get("freeze") or "")
 
 
-def layers_of(result: CellResult) -> str:
+def layers_of(result: FitResult) -> str:
     """Return the trained layers, such as "1 + 2", or the strategy's name."""
     freeze = freeze_of(result)
     return style.short(" + ".join(named_layers(freeze)) or freeze)
 
 
-def mean_absolute_error_mm(result: CellResult) -> float:
+def mean_absolute_error_mm(result: FitResult) -> float:
     """Return the mean absolute error of the test samples over all axes, mm."""
     return float(absolute_errors(pooled_prediction([result])).mean()) * MM
 
 
-def strategies(results: Iterable[CellResult]) -> pd.DataFrame:
+def strategies(results: Iterable[FitResult]) -> pd.DataFrame:
     """Return the layers that move, one of `KINDS`, and the error [mm], a row per result.
 
     Single layers come first, then pairs, then others, each in the order of their layers.
     """
 
-    def kind(result: CellResult) -> int:
+    def kind(result: FitResult) -> int:
         return {1: 0, 2: 1}.get(len(named_layers(freeze_of(result))), 2)
 
     ordered = sorted(results, key=lambda result: (kind(result), freeze_of(result)))
@@ -212,19 +212,19 @@ _NETWORKS = (
 )
 
 
-def is_swept(result: CellResult) -> bool:
+def is_swept(result: FitResult) -> bool:
     """Return true if a result has depth, width and an error on the source."""
-    options = result.cell.model_params
+    options = result.fit.model_params
     sized = all(isinstance(options.get(name), int) for name in ("layers", "width"))
     return sized and SOURCE_MAE in result.diagnostics
 
 
-def errors_on_source(results: Iterable[CellResult], error: str = SOURCE_MAE) -> pd.DataFrame:
+def errors_on_source(results: Iterable[FitResult], error: str = SOURCE_MAE) -> pd.DataFrame:
     """Return depth, width and error on the source domain [mm] per result."""
     rows = [
         (
-            result.cell.model_params["layers"],
-            result.cell.model_params["width"],
+            result.fit.model_params["layers"],
+            result.fit.model_params["width"],
             result.diagnostics[error],
         )
         for result in results

@@ -18,7 +18,7 @@ from unittest import mock
 
 from stiff_bench.console import printable, wrapped
 from stiff_bench.parameter_types import Folder, Setting
-from stiff_bench.plan.cells import loaded
+from stiff_bench.plan.fits import loaded
 from stiff_bench.plan.options import Choice, chosen, chosen_dataset
 from stiff_bench.plan.registry import OURS, Info, Kind, registry
 from stiff_bench.run.progress import display

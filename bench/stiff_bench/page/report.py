@@ -42,12 +42,12 @@ from stiff_bench.tables.units import counted, first_few
 from stiff_bench.tables.writers import of_format
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError, StoreError, unsupported_extension
-from stiff_protocols.contract.record import CellResult, RunManifest
+from stiff_protocols.contract.record import FitResult, RunManifest
 
 SUFFIXES = (".html", ".htm")
 STIFFNESS = "stiffness "
 """Start of the name of a joint's stiffness among the numbers that a fit reports."""
-Fits = Sequence[CellResult]
+Fits = Sequence[FitResult]
 
 
 def report(
@@ -174,7 +174,7 @@ def failure_section(fits: Fits) -> Section:
         (fit for fit in fits if fit.log and fit.status == "failed"),
         lambda fit: (
             *(fit.presentation.model, fit.presentation.dataset, fit.presentation.protocol),
-            *(fit.cell.condition, "\n".join(fit.log)),
+            *(fit.fit.condition, "\n".join(fit.log)),
         ),
     )
     sections = [
@@ -191,17 +191,17 @@ def data_table(fits: Fits, data_of: Callable[[str], StoredData]) -> Table:
     `data_of` returns the samples with a hash; StoreError if they are not stored.
     """
 
-    def row(sha256: str, fit: CellResult) -> list[Entry]:
+    def row(sha256: str, fit: FitResult) -> list[Entry]:
         name, kind = fit.presentation.dataset, fit.presentation.kind
         try:
-            data = data_of(fit.cell.data_sha256)
+            data = data_of(fit.fit.data_sha256)
         except StoreError:
             return [name, kind, None, None, None, None, sha256]
         tcp = ", ".join(f"{length:g}" for length in data.robot.tcp_on_flange)
         n_poses = len(set(data.measured.pose_id))
         return [name, kind, data.robot.name, tcp, len(data.measured), n_poses, sha256]
 
-    by_hash = {fit.presentation.measured_sha256 or fit.cell.data_sha256: fit for fit in fits}
+    by_hash = {fit.presentation.measured_sha256 or fit.fit.data_sha256: fit for fit in fits}
     columns = [
         *text_columns("data set", "kind", "robot", "TCP, frame of the last link [m]"),
         *(Column("samples"), Column("poses"), Column("sha256 of samples and robot", "text")),

@@ -410,7 +410,7 @@ def _is_web_address(url: str) -> bool:
 
 def dataset_title(task: ScoredTask) -> str:
     """Return a data set's name as people say it, such as "KR 240, structure, wide"."""
-    params, robot = task.task.cell.dataset_params, task.data.robot.name
+    params, robot = task.task.fit.dataset_params, task.data.robot.name
     usual_values = {"specimen": 0, "seed": 0}
     more = [
         f"{key} {params[key]}"

@@ -29,7 +29,7 @@ from stiff_bench.results.load import split_of
 from stiff_bench.tables.published import published_errors, published_lines
 from stiff_bench.tables.units import MM
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.types import AXES, Prediction
 
 DATA = f"Data: {DATASET}, simulated: the paper's measurements are not public"
@@ -119,7 +119,7 @@ def figure_6(results: PaperResults) -> Prepared:
 
 
 def _draw_strategies(
-    first: Mapping[str, CellResult], errors: pd.DataFrame, linear: Sequence[float]
+    first: Mapping[str, FitResult], errors: pd.DataFrame, linear: Sequence[float]
 ) -> Figure:
     figure, (loss_axes, error_axes) = style.new_panels(2, PANEL_INCH, 0.0)
     kinds = dict(zip(errors["layers"], errors["kind"], strict=True))
@@ -186,7 +186,7 @@ def _published_on_source(quantity: str) -> pd.DataFrame:
 
 
 def _draw_networks(
-    networks: list[CellResult], early: list[CellResult], curves: list[losses.LossCurve]
+    networks: list[FitResult], early: list[FitResult], curves: list[losses.LossCurve]
 ) -> Figure:
     figure, panels = style.new_panels(3, PANEL_INCH, 0.0)
     thin = {"errorbar": None, "markers": False, "linestyle": DASHED, "linewidth": 0.8}

@@ -15,7 +15,7 @@ from stiff_bench.results.selection import find_model
 from stiff_bench.store.names import Variant
 from stiff_bench.tables.units import counted, first_few
 from stiff_protocols.contract.errors import ConfigError, StoreError
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 
 PAPER_RESULTS = Path("results/paper/runs")
 """Folder of the results of `bench reproduce paper`."""
@@ -39,13 +39,13 @@ class ProtocolResults:
     """
 
     protocol: str
-    results: dict[str, list[CellResult]]
+    results: dict[str, list[FitResult]]
     failures: Mapping[str, str]
     missing: Sequence[str]
     n_left_out: int = 0
 
     @property
-    def all_fits(self) -> list[CellResult]:
+    def all_fits(self) -> list[FitResult]:
         """All results, model after model."""
         return [fit for model_fits in self.results.values() for fit in model_fits]
 
@@ -89,7 +89,7 @@ class PaperResults(StoredResults):
 
         Only the newest task under the protocol counts, not other seeds or older data.
         """
-        results, failures, missing = dict[str, list[CellResult]](), dict[str, str](), list[str]()
+        results, failures, missing = dict[str, list[FitResult]](), dict[str, str](), list[str]()
         of_task = (DATASET, protocol, "", SEED)
         tasks = [
             task

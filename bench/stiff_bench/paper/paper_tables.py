@@ -43,7 +43,7 @@ from stiff_bench.tables.units import MM, counted
 from stiff_datasets.twin.kr10_twin import Kr10Twin
 from stiff_models.physics.vjm import fitted_physics
 from stiff_protocols.contract.errors import StoreError, unknown_name
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.types import AXES, Prediction
 from stiff_protocols.scoring.metrics import absolute_errors, metric, norm_errors
 from stiff_protocols.springs.identification import spring_key
@@ -125,7 +125,7 @@ def mean_numbers(repeats: Sequence[Numbers], mark: str = "") -> GroupNumbers:
 def model_numbers(
     stored: ProtocolResults,
     models: Mapping[Label, Variant],
-    errors: Callable[[Label, CellResult], Numbers],
+    errors: Callable[[Label, FitResult], Numbers],
 ) -> GroupNumbers:
     """Return the mean errors over splits of each model, at the places of its label."""
     numbers = GroupNumbers()
@@ -209,7 +209,7 @@ def fitted_vjm(specimen: int = 0) -> tuple[Prediction, Mapping[str, float]]:
     return prediction, model.diagnostics_
 
 
-def errors_by_axis(result: CellResult) -> dict[Labels, float]:
+def errors_by_axis(result: FitResult) -> dict[Labels, float]:
     """Return errors [mm] by row of Table 10."""
     return _by_axis(pooled_prediction([result]))
 
@@ -292,7 +292,7 @@ def _on_source(
     return [paper_table(number, lines, columns, _result_notes(results, stored))]
 
 
-def _source_errors(row: str, result: CellResult) -> Numbers:
+def _source_errors(row: str, result: FitResult) -> Numbers:
     """Return the reported errors on both parts of the source domain."""
     reported = result.diagnostics
     return {((row,), column): reported[key] for column, key in ON_SOURCE.items() if key in reported}
@@ -312,7 +312,7 @@ def _table_8(results: PaperResults) -> list[Table]:
     return [paper_table("8", rows, columns, _result_notes(results, stored))]
 
 
-def _target_errors(row: Labels, result: CellResult) -> Numbers:
+def _target_errors(row: Labels, result: FitResult) -> Numbers:
     """Return the errors on the test part, mm, all axes and samples together."""
     errors = absolute_errors(pooled_prediction([result])) * MM
     mae, stde = _ON_TARGET
@@ -366,7 +366,7 @@ def _table_9(results: PaperResults) -> list[Table]:
 
 
 def _on_both_parts(
-    read: ProtocolResults, trainings: Mapping[str, Variant], training: str, result: CellResult
+    read: ProtocolResults, trainings: Mapping[str, Variant], training: str, result: FitResult
 ) -> Numbers:
     """Return a fit's errors on the validation part and on the training part.
 
@@ -374,14 +374,14 @@ def _on_both_parts(
     """
     numbers = _on_part(training, "validation", result)
     for fit in read.results.get(trainings[training].name, ()):
-        if fit.cell.rows_sha256 == result.cell.split_sha256:
+        if fit.fit.rows_sha256 == result.fit.split_sha256:
             held_out = pooled_prediction([result]).rows
             numbers |= _on_part(training, "train", fit, held_out)
     return numbers
 
 
 def _on_part(
-    training: str, part: str, result: CellResult, without: ArrayLike = ()
+    training: str, part: str, result: FitResult, without: ArrayLike = ()
 ) -> dict[tuple[Labels, str], float]:
     """Return means and deviations of a result's errors [mm], without some rows."""
     prediction = pooled_prediction([result])
@@ -460,7 +460,7 @@ def _table_10(results: PaperResults) -> list[Table]:
 
 
 def _errors_and_reductions(
-    of_old: Mapping[SplitId, Mapping[Labels, float]], method: str, result: CellResult
+    of_old: Mapping[SplitId, Mapping[Labels, float]], method: str, result: FitResult
 ) -> Numbers:
     """Return a method's errors [mm] and their reductions against the VJM [%]."""
     errors = errors_by_axis(result)

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from stiff_bench.plan.cells import RunPlan, plan_run
+from stiff_bench.plan.fits import RunPlan, plan_run
 from stiff_bench.plan.registry import Registry
 from stiff_bench.results.selection import BoardSettings
 from stiff_bench.store.names import split_word

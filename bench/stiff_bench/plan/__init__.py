@@ -1,1 +1,1 @@
-"""Plan a run: registry, options, and the resulting cells."""
+"""Plan a run: registry, options, and the resulting fits."""

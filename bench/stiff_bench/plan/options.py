@@ -194,7 +194,7 @@ class Choice(Generic[Info]):
 
     @classmethod
     def of_stored(cls, info: Info, identity: Mapping[str, Any]) -> Choice[Info]:
-        """Return the choice for the `identity` in a stored cell.
+        """Return the choice for the `identity` in a stored fit.
 
         Raises:
             ConfigError: the option or its value does not exist any more.

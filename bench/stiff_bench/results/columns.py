@@ -31,7 +31,7 @@ from stiff_bench.tables.table import BEST_MARK, Column, Entry, Name, Quantity, T
 from stiff_bench.tables.table import text_columns as texts
 from stiff_bench.tables.units import PRINTED, counted, duration, percent
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.record import CellResult, Presentation
+from stiff_protocols.contract.record import FitResult, Presentation
 from stiff_protocols.contract.types import AXES, BOUND_NAMES
 from stiff_protocols.scoring.metrics import METRICS, WHOLE_VECTOR, Metric
 from stiff_protocols.scoring.over_robots import MARGIN
@@ -371,7 +371,7 @@ def task_table(task: ScoredTask, title: str = "") -> Table:
     """
     has_paths = task.task.has_paths
     bounds = (NOISE_FLOOR, BOUND_NAMES["uncorrected"]) if has_paths else (NOISE_FLOOR,)
-    results: dict[str, Sequence[CellResult]] = {
+    results: dict[str, Sequence[FitResult]] = {
         **{name: task.results[name] for name in sorted(task.models, key=task.mean)},
         **dict.fromkeys(sorted(task.missing), ()),
         **{name: of_bound for name in bounds if (of_bound := task.bounds(name))},
@@ -513,7 +513,7 @@ def metric_columns(metrics: Sequence[Metric]) -> list[Column]:
     ]
 
 
-def metric_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> list[Table]:
+def metric_tables(results: Sequence[FitResult], metrics: Sequence[Metric]) -> list[Table]:
     """Return a table per data set, protocol, condition and seed, in the results' order.
 
     Models on different data, pre-training data, splits or coverage are in separate tables. Without
@@ -524,8 +524,8 @@ def metric_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> l
         lambda result: (
             result.presentation.dataset,
             result.presentation.protocol,
-            result.cell.condition,
-            result.cell.seed,
+            result.fit.condition,
+            result.fit.seed,
         ),
     )
     return [
@@ -538,15 +538,15 @@ def metric_tables(results: Sequence[CellResult], metrics: Sequence[Metric]) -> l
     ]
 
 
-def _tested_on(results: Sequence[CellResult]) -> frozenset[object]:
+def _tested_on(results: Sequence[FitResult]) -> frozenset[object]:
     """Return the set of data and split hashes that models in one table share."""
     identity = attrgetter("data_sha256", "source_sha256", "split_sha256", "coverage")
-    return frozenset(identity(result.cell) for result in results)
+    return frozenset(identity(result.fit) for result in results)
 
 
-def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -> Table:
+def _table(by_model: dict[str, list[FitResult]], metrics: tuple[Metric, ...]) -> Table:
     group = list(chain.from_iterable(by_model.values()))
-    cell, presentation = group[0].cell, group[0].presentation
+    fit, presentation = group[0].fit, group[0].presentation
     usual = PATH_METRICS if presentation.measured_sha256 else USUAL_METRICS
     metrics = metrics or tuple(METRICS[key] for key in usual)
     extra = {
@@ -562,7 +562,7 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
         notes += outcome_notes(results)
     notes += failure_lines(group)
     published = {}
-    if presentation.published and not cell.condition:
+    if presentation.published and not fit.condition:
         keys = {metric.key for metric in metrics}
         published = {
             method: values
@@ -570,11 +570,11 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
             if any(key in keys for key, _ in values)
         }
     notes += [f"[{MARK}]: {NOTE}."] if published else []
-    n_splits = len({result.cell.split_index for result in group})
+    n_splits = len({result.fit.split_index for result in group})
     facts: dict[str, Entry] = {
         **{"dataset": presentation.dataset, "kind": presentation.kind},
-        **{"protocol": presentation.protocol, "condition": cell.condition},
-        **{"splits": n_splits, "seed": cell.seed, "source": "ours"},
+        **{"protocol": presentation.protocol, "condition": fit.condition},
+        **{"splits": n_splits, "seed": fit.seed, "source": "ours"},
     }
     rows = [
         {"model": name, **facts, **values}
@@ -596,12 +596,12 @@ def _table(by_model: dict[str, list[CellResult]], metrics: tuple[Metric, ...]) -
         notes=notes,
         details=[note for results in by_model.values() for note in number_notes(results)],
         unit=PRINTED["m"][0],
-        about={} if cell.coverage is None else {"nominal_coverage": cell.coverage},
+        about={} if fit.coverage is None else {"nominal_coverage": fit.coverage},
     )
 
 
 def _model_values(
-    model: str, results: Sequence[CellResult], metrics: Sequence[Metric]
+    model: str, results: Sequence[FitResult], metrics: Sequence[Metric]
 ) -> tuple[Name, dict[tuple[str, str], Quantity]]:
     """Return a model with its values; without values if a fit failed or was skipped."""
     statuses = [result.status for result in results]
@@ -619,13 +619,13 @@ def setting(presentation: Presentation, condition: str, n_splits: int, seed: int
     return f"{data} | {protocol}, {counted(n_splits, 'split')}, seed {seed}"
 
 
-def _title(first: CellResult, n_splits: int, metrics: Sequence[Metric]) -> str:
+def _title(first: FitResult, n_splits: int, metrics: Sequence[Metric]) -> str:
     """Return the setting, unit and nominal coverage in one line."""
-    cell, presentation = first.cell, first.presentation
+    fit, presentation = first.fit, first.presentation
     spread = ", mean ± standard deviation over splits" if n_splits > 1 else ""
     if presentation.pooled:
         spread = " over the predictions of all splits"
     units = " and ".join(filter(None, dict.fromkeys(PRINTED[metric.unit][0] for metric in metrics)))
-    intervals = "" if cell.coverage is None else f" | {percent(cell.coverage)} intervals"
-    of_fits = setting(presentation, cell.condition, n_splits, cell.seed)
+    intervals = "" if fit.coverage is None else f" | {percent(fit.coverage)} intervals"
+    of_fits = setting(presentation, fit.condition, n_splits, fit.seed)
     return f"{of_fits} | {units}{spread}{intervals}"

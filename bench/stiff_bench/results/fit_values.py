@@ -11,12 +11,12 @@ import numpy as np
 from stiff_bench.tables.table import Quantity
 from stiff_bench.tables.units import PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL
-from stiff_protocols.contract.record import CellResult, Cost
+from stiff_protocols.contract.record import Cost, FitResult
 from stiff_protocols.contract.types import BOUND_NAMES, TRUTHS, Interval, Prediction
 from stiff_protocols.scoring.metrics import METRICS, Metric
 
 
-def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
+def pooled_prediction(results: Sequence[FitResult]) -> Prediction:
     """Join the checked predictions of several splits."""
     parts = [result.prediction for result in results if result.prediction is not None]
     intervals = [part.interval for part in parts if part.interval is not None]
@@ -44,7 +44,7 @@ def pooled_prediction(results: Sequence[CellResult]) -> Prediction:
     )
 
 
-def bound_results(models: Iterable[Sequence[CellResult]], name: str) -> list[CellResult]:
+def bound_results(models: Iterable[Sequence[FitResult]], name: str) -> list[FitResult]:
     """Return the VJM's results, or a bound of `BOUND_NAMES`, from the fits of any model; or none.
 
     Each fit stores the predictions of the VJM on its test rows. The bounds are known for the test
@@ -57,7 +57,7 @@ def bound_results(models: Iterable[Sequence[CellResult]], name: str) -> list[Cel
     return []
 
 
-def _bound_result(result: CellResult, name: str) -> CellResult | None:
+def _bound_result(result: FitResult, name: str) -> FitResult | None:
     if (stored := result.prediction) is None:
         return None
     bounds = {row: stored.bound_deflections.get(key) for key, row in BOUND_NAMES.items()}
@@ -70,14 +70,14 @@ def _bound_result(result: CellResult, name: str) -> CellResult | None:
     presentation = replace(
         result.presentation, model=name, regime="", source="", picked_on_test=False
     )
-    return CellResult(
-        *(result.cell, presentation, result.run_id, "ok", prediction),
+    return FitResult(
+        *(result.fit, presentation, result.run_id, "ok", prediction),
         n_train=result.n_train,
         n_splits=result.n_splits,
     )
 
 
-def values_of_splits(metric: Metric, results: Sequence[CellResult]) -> list[dict[str, float]]:
+def values_of_splits(metric: Metric, results: Sequence[FitResult]) -> list[dict[str, float]]:
     """Return the values of a metric by axis, per split, in SI units.
 
     If the protocol scores all predictions together, there is one value for all splits; costs still
@@ -89,7 +89,7 @@ def values_of_splits(metric: Metric, results: Sequence[CellResult]) -> list[dict
 
 
 def metric_values(
-    results: Sequence[CellResult], metrics: Sequence[Metric]
+    results: Sequence[FitResult], metrics: Sequence[Metric]
 ) -> dict[tuple[str, str], Quantity]:
     """Return mean and deviation over splits in printed units, by (metric key, axis).
 

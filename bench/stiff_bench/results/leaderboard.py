@@ -37,7 +37,7 @@ from stiff_bench.tables.table import Table
 from stiff_bench.tables.units import first_few
 from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -55,7 +55,7 @@ def merge_training_seeds(stored: StoredResults) -> StoredResults:
         if len(names) > 1
     }
 
-    def renamed(result: CellResult) -> CellResult:
+    def renamed(result: FitResult) -> FitResult:
         name = _without_seed(result.presentation.model)
         if name in repeated:
             return result

@@ -21,22 +21,22 @@ from stiff_bench.store.names import TaskName, grouped, natural_key
 from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import StoreError
-from stiff_protocols.contract.record import Cell, CellResult, Presentation, RunManifest
+from stiff_protocols.contract.record import Fit, FitResult, Presentation, RunManifest
 
 SplitId = tuple[int, str]
 """A split: its number and the hash of its rows."""
 
 
-def split_of(result: CellResult) -> SplitId:
+def split_of(result: FitResult) -> SplitId:
     """Return the split of a result."""
-    return result.cell.split_index, result.cell.split_sha256
+    return result.fit.split_index, result.fit.split_sha256
 
 
-def task_name_of(result: CellResult) -> TaskName:
+def task_name_of(result: FitResult) -> TaskName:
     """Return the name of the task of a result."""
-    cell, texts = result.cell, result.presentation
-    data = cell.data_sha256, cell.source_sha256
-    return TaskName(texts.dataset, texts.protocol, cell.condition, cell.seed, *data)
+    fit, texts = result.fit, result.presentation
+    data = fit.data_sha256, fit.source_sha256
+    return TaskName(texts.dataset, texts.protocol, fit.condition, fit.seed, *data)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,14 +51,14 @@ class ModelResults(BriefFields):
     """
 
     presentation: Presentation
-    done: Mapping[SplitId, CellResult]
-    failures: Mapping[SplitId, CellResult]
+    done: Mapping[SplitId, FitResult]
+    failures: Mapping[SplitId, FitResult]
     n_requested: int
 
     @property
-    def cell(self) -> Cell:
+    def fit(self) -> Fit:
         """Return any of its fits; all have the same model options."""
-        return next(iter([*self.done.values(), *self.failures.values()])).cell
+        return next(iter([*self.done.values(), *self.failures.values()])).fit
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +84,7 @@ class Task(BriefFields):
     newest_run: str
     first_requested: float
     left_out: tuple[str, ...]
-    every: tuple[CellResult, ...] = field(repr=False)
+    every: tuple[FitResult, ...] = field(repr=False)
 
     @property
     def presentation(self) -> Presentation:
@@ -92,9 +92,9 @@ class Task(BriefFields):
         return next(iter(self.models.values())).presentation
 
     @property
-    def cell(self) -> Cell:
+    def fit(self) -> Fit:
         """Return any of its fits; all have the same options of data set and protocol."""
-        return next(iter(self.models.values())).cell
+        return next(iter(self.models.values())).fit
 
     @property
     def measured_sha256(self) -> str:
@@ -106,12 +106,12 @@ class Task(BriefFields):
         """Return True if the protocol added tool paths; the metrics are then errors on paths."""
         return self.measured_sha256 != self.name.data_sha256
 
-    def results(self, model: str, splits: Sequence[SplitId] | None = None) -> list[CellResult]:
+    def results(self, model: str, splits: Sequence[SplitId] | None = None) -> list[FitResult]:
         """Return a model's results on these splits (default: all its splits), in order."""
         done = self.models[model].done
         return [done[split] for split in (done if splits is None else splits) if split in done]
 
-    def complete_results(self, model: str) -> list[CellResult]:
+    def complete_results(self, model: str) -> list[FitResult]:
         """Return a model's results, or none unless every split has a result."""
         done = self.models[model].done if model in self.models else {}
         return self.results(model) if all(split in done for split in self.splits) else []
@@ -154,7 +154,7 @@ class StoredResults(BriefFields):
         return cls.of_results(folder, results)
 
     @classmethod
-    def of_results(cls, folder: Path, results: Sequence[CellResult]) -> Self:
+    def of_results(cls, folder: Path, results: Sequence[FitResult]) -> Self:
         """Sort the given results of a folder into tasks."""
         manifests = tuple(read_manifests(folder))
         in_order = sorted(manifests, key=lambda run: run.run_id)
@@ -164,11 +164,11 @@ class StoredResults(BriefFields):
         return cls(folder, tuple(tasks), manifests)
 
     @property
-    def every(self) -> tuple[CellResult, ...]:
+    def every(self) -> tuple[FitResult, ...]:
         """Return all results, including those that do not count."""
         return tuple(result for task in self.tasks for result in task.every)
 
-    def newest_results(self) -> list[CellResult]:
+    def newest_results(self) -> list[FitResult]:
         """Return the newest results and failures, sorted by task: "n = 5" before "n = 10"."""
 
         def place(task: Task) -> tuple[Any, ...]:
@@ -211,23 +211,23 @@ class _Runs:
         """Place of each fit in the order of first requests."""
         return {key: place for place, key in enumerate(self.newest)}
 
-    def run_of(self, result: CellResult) -> str:
+    def run_of(self, result: FitResult) -> str:
         """Return the newest run that requested or computed a result."""
-        return max(self.newest.get(result.cell.key, ""), result.run_id)
+        return max(self.newest.get(result.fit.key, ""), result.run_id)
 
-    def newest_first(self, results: Iterable[CellResult]) -> list[CellResult]:
+    def newest_first(self, results: Iterable[FitResult]) -> list[FitResult]:
         """Return results by run, the newest first; of one run, successes before failures.
 
         Results that the run computed come before results that it found. Equals keep their order.
         """
 
-        def age(result: CellResult) -> tuple[str, str, bool]:
+        def age(result: FitResult) -> tuple[str, str, bool]:
             return self.run_of(result), result.run_id, result.status == "ok"
 
         return sorted(results, key=age, reverse=True)
 
 
-def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
+def _task(task_results: Sequence[FitResult], runs: _Runs) -> Task:
     results, left_out = _of_newest_splits(runs.newest_first(task_results), runs)
     models = {}
     for model, of_model in sorted(grouped(results, lambda r: r.presentation.model).items()):
@@ -244,7 +244,7 @@ def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
             n_requested=of_model[0].n_splits,
         )
     splits = {split for model in models.values() for split in (*model.done, *model.failures)}
-    order = [runs.first_requested.get(result.cell.key, inf) for result in task_results]
+    order = [runs.first_requested.get(result.fit.key, inf) for result in task_results]
     return Task(
         name=task_name_of(task_results[0]),
         splits=tuple(sorted(splits)),
@@ -257,8 +257,8 @@ def _task(task_results: Sequence[CellResult], runs: _Runs) -> Task:
 
 
 def _of_newest_splits(
-    newest_first: Sequence[CellResult], runs: _Runs
-) -> tuple[list[CellResult], list[str]]:
+    newest_first: Sequence[FitResult], runs: _Runs
+) -> tuple[list[FitResult], list[str]]:
     """Return the results of one task with the newest run's splits, and a note.
 
     Two splits of one number show that the data were divided in two ways (another version of the
@@ -284,28 +284,28 @@ def _of_newest_splits(
 
 
 def _of_newest_options(
-    newest_first: Sequence[CellResult],
-) -> tuple[list[CellResult], list[str]]:
+    newest_first: Sequence[FitResult],
+) -> tuple[list[FitResult], list[str]]:
     """Return a model's results with options and version of its newest one, and a note.
 
     A name contains only the options that differ from their defaults. The same name has other
     options if a default, or a file that an option names, was changed.
     """
-    cell = newest_first[0].cell
-    intervals = {0, max(result.cell.interval_version for result in newest_first)}  # 0: none
+    fit = newest_first[0].fit
+    intervals = {0, max(result.fit.interval_version for result in newest_first)}  # 0: none
     same = [
         result
         for result in newest_first
-        if result.cell.model_version == cell.model_version
-        and result.cell.model_params == cell.model_params
-        and result.cell.interval_version in intervals
+        if result.fit.model_version == fit.model_version
+        and result.fit.model_params == fit.model_params
+        and result.fit.interval_version in intervals
     ]
     name = newest_first[0].presentation.model
     notes = [f"older results of {name} with another version or other options"]
     return same, notes * (len(same) < len(newest_first))
 
 
-def _select_result(newest_first: Sequence[CellResult]) -> CellResult:
+def _select_result(newest_first: Sequence[FitResult]) -> FitResult:
     """Return the result to use among a model's results on one split.
 
     It is the newest run's result, also if it failed. A skipped result does not replace a result
@@ -316,4 +316,4 @@ def _select_result(newest_first: Sequence[CellResult]) -> CellResult:
     if not tried or tried[0].status != "ok":
         return (tried or newest_first)[0]
     done = [result for result in tried if result.status == "ok"]
-    return next((result for result in done if result.cell.coverage is not None), done[0])
+    return next((result for result in done if result.fit.coverage is not None), done[0])

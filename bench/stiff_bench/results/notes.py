@@ -17,7 +17,7 @@ from stiff_bench.tables.units import counted, first_few, percent
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import StoreError
 from stiff_protocols.contract.plugin import in_words
-from stiff_protocols.contract.record import CellResult, Presentation, RunManifest
+from stiff_protocols.contract.record import FitResult, Presentation, RunManifest
 
 SELECTION_MARK = "epoch picked on test part"
 TRAINING_MARK = "training samples among those reported"
@@ -109,21 +109,21 @@ def version_of_run(run: RunManifest) -> str:
     return f"stiffbench {facts.get('stiffbench', 'of an unknown version')}{at}"
 
 
-def outdated_models(results: Iterable[CellResult]) -> list[str]:
+def outdated_models(results: Iterable[FitResult]) -> list[str]:
     """Return the shipped models with results of an earlier version.
 
     Third-party models are omitted: their versions are not plain numbers.
     """
     today = {info.key: str(info.version) for info in MODELS}
-    of_cells = {(result.cell.model, result.cell.model_version) for result in results}
-    numbered = {(key, version) for key, version in of_cells if version.isdecimal()}
+    of_fits = {(result.fit.model, result.fit.model_version) for result in results}
+    numbered = {(key, version) for key, version in of_fits if version.isdecimal()}
     return sorted({key for key, version in numbered if today.get(key, version) != version})
 
 
 # fits
 
 
-def size_notes(results: Sequence[CellResult]) -> list[str]:
+def size_notes(results: Sequence[FitResult]) -> list[str]:
     """Return a note on the numbers of training and test samples; none if unknown.
 
     The results belong to one protocol.
@@ -149,7 +149,7 @@ def span_text(numbers: Iterable[int]) -> str:
     return " to ".join(map(str, sorted({min(sizes), max(sizes)})))
 
 
-def number_notes(results: Sequence[CellResult]) -> list[str]:
+def number_notes(results: Sequence[FitResult]) -> list[str]:
     """Return a note with the mean diagnostics of a model's fits; none without diagnostics."""
     done = [result.diagnostics for result in results if result.status == "ok"]
     means = {
@@ -161,9 +161,9 @@ def number_notes(results: Sequence[CellResult]) -> list[str]:
     return [f"{results[0].presentation.model}{over}: {text}."] if means else []
 
 
-def outcome_notes(results: Sequence[CellResult]) -> list[str]:
+def outcome_notes(results: Sequence[FitResult]) -> list[str]:
     """Return notes on chosen options, intervals and warnings."""
-    presentation, coverage = results[0].presentation, results[0].cell.coverage
+    presentation, coverage = results[0].presentation, results[0].fit.coverage
     done = [result for result in results if result.status == "ok"]
     notes = [f"source domain: {presentation.source}."] if presentation.source else []
     choices = Counter(in_words(result.chosen) for result in done if result.chosen)
@@ -184,11 +184,11 @@ def outcome_notes(results: Sequence[CellResult]) -> list[str]:
     return [f"{presentation.model}: {note}" for note in notes]
 
 
-def _times(n: int, results: Sequence[CellResult]) -> str:
+def _times(n: int, results: Sequence[FitResult]) -> str:
     return f" ({n} of {len(results)} splits)" if len(results) > 1 else ""
 
 
-def failure_lines(results: Iterable[CellResult]) -> list[str]:
+def failure_lines(results: Iterable[FitResult]) -> list[str]:
     """Return a line per reason for missing results, with the models."""
     alike: dict[tuple[str, str], list[str]] = {}
     for result in results:

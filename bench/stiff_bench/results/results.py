@@ -32,7 +32,7 @@ from stiff_bench.results.summary import elsewhere_notes, summarize, task_headlin
 from stiff_bench.tables.units import MM, first_few
 from stiff_bench.tables.writers import Tables, Text
 from stiff_protocols.contract.errors import ConfigError, StiffBenchError, StiffBenchWarning
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.types import AXES
 from stiff_protocols.scoring.metrics import metric
 
@@ -96,7 +96,7 @@ class Results:
         return StoredResults.read(self.folder)
 
     @cached_property
-    def fits(self) -> tuple[CellResult, ...]:
+    def fits(self) -> tuple[FitResult, ...]:
         """Return the newest result of each model, data set, protocol and split, or its failure.
 
         Raises:
@@ -104,25 +104,25 @@ class Results:
         """
         newest = self.stored.newest_results()
         if self.finished is not None:  # in the order of the request
-            keys = {result.cell.key for result in newest}
-            newest = [result for result in self.finished.results if result.cell.key in keys]
+            keys = {result.fit.key for result in newest}
+            newest = [result for result in self.finished.results if result.fit.key in keys]
         return self._selected(newest)
 
     @property
-    def every(self) -> tuple[CellResult, ...]:
+    def every(self) -> tuple[FitResult, ...]:
         """Return all selected results, also older ones that newer results replace."""
         return self._selected(self.stored.every)
 
-    def _selected(self, results: Sequence[CellResult]) -> tuple[CellResult, ...]:
+    def _selected(self, results: Sequence[FitResult]) -> tuple[FitResult, ...]:
         tasks = self.selection.tasks_of(self.stored.tasks)
         names = self.selection.models_of(tasks)
         keys = {
-            result.cell.key
+            result.fit.key
             for task in tasks
             for result in task.every
             if result.presentation.model in names
         }
-        return tuple(result for result in results if result.cell.key in keys)
+        return tuple(result for result in results if result.fit.key in keys)
 
     def frame(self) -> DataFrame:
         """Return a row per fit: the newest fit of each split.
@@ -142,7 +142,7 @@ class Results:
 
         rows = []
         for result in self._current_fits:
-            robot = self.stored.data_of(result.cell.data_sha256).robot.name
+            robot = self.stored.data_of(result.fit.data_sha256).robot.name
             facts = {"robot": robot, "status": result.status, "failure": result.failure}
             row = {**identity_of(result), **facts}
             for line in metric_lines(result.prediction, result.cost):
@@ -182,11 +182,11 @@ class Results:
         )
 
     @property
-    def _current_fits(self) -> list[CellResult]:
+    def _current_fits(self) -> list[FitResult]:
         """Return the fits on each data set's newest data."""
         current = newest_tasks(self.stored.tasks)
-        keys = {result.cell.key for task in current for result in task.every}
-        return [result for result in self.fits if result.cell.key in keys]
+        keys = {result.fit.key for task in current for result in task.every}
+        return [result for result in self.fits if result.fit.key in keys]
 
     def table(self, *metrics: str, verbose: bool = False) -> Tables:
         """Return a table per data set and protocol, as printed by `bench run`.
@@ -343,18 +343,18 @@ def open_results(folder: Path | str) -> Results:
 # rows of frames
 
 
-def identity_of(result: CellResult) -> dict[str, Any]:
+def identity_of(result: FitResult) -> dict[str, Any]:
     """Return the columns that identify a fit in a frame."""
-    cell, texts = result.cell, result.presentation
+    fit, texts = result.fit, result.presentation
     return {
         "model": texts.model,
         "dataset": texts.dataset,
         "kind": texts.kind,
         "protocol": texts.protocol,
-        "condition": cell.condition,
-        "seed": cell.seed,
-        "split": cell.split_index,
-        "model_version": cell.model_version,
-        "data_sha256": cell.data_sha256,
+        "condition": fit.condition,
+        "seed": fit.seed,
+        "split": fit.split_index,
+        "model_version": fit.model_version,
+        "data_sha256": fit.data_sha256,
         "run": result.run_id,
     }

@@ -31,7 +31,7 @@ from stiff_bench.tables.units import PRINTED
 from stiff_models.model_catalog import REFERENCE_MODEL, is_spring_model
 from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ConfigError, DataError, StoreError
-from stiff_protocols.contract.record import PATH_ERROR, TEACHER_EPOCHS, CellResult
+from stiff_protocols.contract.record import PATH_ERROR, TEACHER_EPOCHS, FitResult
 from stiff_protocols.contract.types import AXES, BOUND_NAMES, FloatArray, Prediction
 from stiff_protocols.scoring.bootstrap import pose_errors
 from stiff_protocols.scoring.metrics import (
@@ -103,7 +103,7 @@ class SortKey:
     def _axes(self) -> tuple[str, ...]:
         return (self.axis,) if self.axis else self.metric.axes
 
-    def of_splits(self, results: Sequence[CellResult]) -> FloatArray | None:
+    def of_splits(self, results: Sequence[FitResult]) -> FloatArray | None:
         """Return the (J,) values of a model's results on J splits, in the metric's unit.
 
         It is one value if the protocol scores the predictions of all splits together. None: a
@@ -175,7 +175,7 @@ class ScoredTask(BriefFields):
     data: StoredData
     seed: int
     splits: tuple[SplitId, ...]
-    results: Mapping[str, Sequence[CellResult]]
+    results: Mapping[str, Sequence[FitResult]]
     scores: Mapping[str, FloatArray]
     missing: Mapping[str, str]
 
@@ -232,7 +232,7 @@ class ScoredTask(BriefFields):
             estimate for (estimate,) in estimates(self.errors, [pair], Question(seed=self.seed))
         ]
 
-    def bounds(self, name: str) -> list[CellResult]:
+    def bounds(self, name: str) -> list[FitResult]:
         """Return results of a bound (a name of `BOUND_NAMES`) on these splits; or none."""
         return bound_results(self.results.values(), name)
 
@@ -307,7 +307,7 @@ class ScoredTask(BriefFields):
         p95, noise, oracle = _TRUE_P95, math.nan, math.nan  # the truth has no noise
         if self.key != TRUE:
             p95, noise = _P95, _mean(self.key, self.bounds(NOISE_FLOOR))
-        if (world := self.task.cell.dataset_params.get("world")) is not None:
+        if (world := self.task.fit.dataset_params.get("world")) is not None:
             oracle = _mean(READINGS, self.bounds(BOUND_NAMES["oracle"]))
         for model in self.scores:
             results = self.results[model]
@@ -333,12 +333,12 @@ class ScoredTask(BriefFields):
             }
 
 
-def _teacher_of(result: CellResult) -> str:
+def _teacher_of(result: FitResult) -> str:
     """Return the teacher that a fit chose, or that its options name."""
-    return str(result.chosen.get("anchor") or result.cell.model_params.get("anchor", ""))
+    return str(result.chosen.get("anchor") or result.fit.model_params.get("anchor", ""))
 
 
-def _are_equal(results: Sequence[CellResult], of_teacher: Sequence[CellResult]) -> bool:
+def _are_equal(results: Sequence[FitResult], of_teacher: Sequence[FitResult]) -> bool:
     """Test if two models have the same predictions on every split, up to rounding."""
     parts = [
         (result.prediction.predicted, taught.prediction.predicted)
@@ -350,12 +350,12 @@ def _are_equal(results: Sequence[CellResult], of_teacher: Sequence[CellResult]) 
     )
 
 
-def _mean(key: SortKey, results: Sequence[CellResult]) -> float:
+def _mean(key: SortKey, results: Sequence[FitResult]) -> float:
     values = key.of_splits(results) if results else None
     return math.nan if values is None else float(values.mean())
 
 
-def split_sizes(results: Sequence[CellResult]) -> tuple[float, float]:
+def split_sizes(results: Sequence[FitResult]) -> tuple[float, float]:
     """Return the mean numbers of training and test rows per split.
 
     The results of the splits are correlated through n_test / n_samples. This holds for learning
@@ -366,7 +366,7 @@ def split_sizes(results: Sequence[CellResult]) -> tuple[float, float]:
     return float(np.mean([result.n_train for result in results])), float(n_test)
 
 
-def _test_share(results: Sequence[CellResult], data: StoredData) -> float:
+def _test_share(results: Sequence[FitResult], data: StoredData) -> float:
     """Return the share (0..1) of the samples that a model is tested on.
 
     Tool paths are the same in all splits: there it is the share that no split trains on.
@@ -379,7 +379,7 @@ def _test_share(results: Sequence[CellResult], data: StoredData) -> float:
 
 def shared_errors(
     key: SortKey,
-    results: Sequence[Sequence[CellResult]],
+    results: Sequence[Sequence[FitResult]],
     scores: Sequence[FloatArray],
     data: StoredData,
     seed: int,
@@ -421,7 +421,7 @@ def score_task(
     Raises:
         StoreError: two models have no split in common.
     """
-    results: dict[str, Sequence[CellResult]] = {
+    results: dict[str, Sequence[FitResult]] = {
         model: task.results(model)
         for model in models
         if model in task.models and not task.models[model].failures

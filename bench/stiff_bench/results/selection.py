@@ -16,7 +16,7 @@ from pydantic.dataclasses import dataclass as pydantic_dataclass
 from stiff_bench.results.load import Task, model_names
 from stiff_bench.store.names import OPTION_MARK, Variant
 from stiff_protocols.contract.errors import unknown_name
-from stiff_protocols.contract.record import Cell
+from stiff_protocols.contract.record import Fit
 
 
 @pydantic_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -103,7 +103,7 @@ def _is_of(task: Task, kind: str, word: str) -> bool:
     """Return True if a word selects a task's data set, protocol or condition."""
     if kind == "condition":
         return word == task.name.condition
-    key, options = getattr(task.cell, kind), getattr(task.cell, f"{kind}_params")
+    key, options = getattr(task.fit, kind), getattr(task.fit, f"{kind}_params")
     return matches_key(word, getattr(task.name, kind)) or _spells_out(
         Variant.of_word(word), key, options
     )
@@ -123,10 +123,10 @@ def resolve_model_name(word: str, tasks: Sequence[Task]) -> str:
     Raises:
         ConfigError: the model has no results.
     """
-    cells = _cells_of(tasks)
-    name = word if word in cells else find_model(Variant.of_word(word), tasks)
+    fits = _fits_of(tasks)
+    name = word if word in fits else find_model(Variant.of_word(word), tasks)
     if name is None:
-        raise unknown_name("model with results", word, cells)
+        raise unknown_name("model with results", word, fits)
     return name
 
 
@@ -135,18 +135,18 @@ def find_model(variant: Variant, tasks: Sequence[Task]) -> str | None:
 
     The options may include defaults, as in `resolve_model_name`.
     """
-    for name, cell in sorted(_cells_of(tasks).items()):
-        option_names = Variant.of_stored_name("", name, cell.model_params).options.keys()
+    for name, fit in sorted(_fits_of(tasks).items()):
+        option_names = Variant.of_stored_name("", name, fit.model_params).options.keys()
         if option_names <= variant.options.keys() and _spells_out(
-            variant, cell.model, cell.model_params
+            variant, fit.model, fit.model_params
         ):
             return name
     return None
 
 
-def _cells_of(tasks: Sequence[Task]) -> dict[str, Cell]:
-    """Return a cell per model with results or failures, by model name."""
-    return {name: stored.cell for task in tasks for name, stored in task.models.items()}
+def _fits_of(tasks: Sequence[Task]) -> dict[str, Fit]:
+    """Return a fit per model with results or failures, by model name."""
+    return {name: stored.fit for task in tasks for name, stored in task.models.items()}
 
 
 def _spells_out(variant: Variant, key: str, options: Mapping[str, Any]) -> bool:

@@ -270,10 +270,10 @@ def elsewhere_notes(tasks: Sequence[ScoredTask]) -> Iterator[str]:
     Left-out regions contradict it, or the poses were planned and no regions were left out.
     """
     regions = {
-        task.name.data_sha256: task for task in tasks if task.task.cell.protocol == LEFT_OUT_REGIONS
+        task.name.data_sha256: task for task in tasks if task.task.fit.protocol == LEFT_OUT_REGIONS
     }
     for task in tasks:
-        if task.task.cell.protocol not in LIKE_TRAINING:
+        if task.task.fit.protocol not in LIKE_TRAINING:
             continue
         model, of_regions = task.best(), regions.get(task.name.data_sha256)
         where = f"{task.name.dataset}, {task.name.protocol}"

@@ -1,1 +1,1 @@
-"""Compute cells: in this process, in separate processes, or on a cluster."""
+"""Compute fits: in this process, in separate processes, or on a cluster."""

@@ -1,7 +1,7 @@
-"""Compute cells on a Dask cluster, each in a separate process that a worker watches.
+"""Compute fits on a Dask cluster, each in a separate process that a worker watches.
 
-As many cells are submitted as there are workers, so that a lost worker costs only its own cell.
-Dask submits a cell whose worker ended to another worker.
+As many fits are submitted as there are workers, so that a lost worker costs only its own fit.
+Dask submits a fit whose worker ended to another worker.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from distributed import Client, Future, KilledWorker, get_worker
 import stiff_bench
 import stiff_models
 import stiff_protocols
-from stiff_bench.plan.cells import CellTask
-from stiff_bench.run.cell import Execution, fit_input, score
+from stiff_bench.plan.fits import FitTask
+from stiff_bench.run.execution import Execution, fit_input, score
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.fit_process import Limits, Work
 from stiff_bench.run.isolate import SECONDS_BETWEEN_LOOKS, RunningFit, work_of
@@ -32,7 +32,7 @@ from stiff_bench.run.machine import LIBRARIES, environment, pinned
 from stiff_bench.run.progress import Display
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.evaluation import FitInput
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.source_code import code_below
 
 SECONDS_TO_CONNECT, SECONDS_BETWEEN_COUNTS = 10.0, 1.0
@@ -41,11 +41,11 @@ RESUME_HINT = "run the same command again to continue"
 
 @dataclass(eq=False, kw_only=True)
 class DaskCluster(Execution):
-    """Compute cells on a cluster.
+    """Compute fits on a cluster.
 
     Attributes:
         address: "tcp://HOST:PORT" of a scheduler.
-        limits: limits of the process of every cell.
+        limits: limits of the process of every fit.
 
     Raises:
         ConfigError: the address is invalid.
@@ -60,13 +60,13 @@ class DaskCluster(Execution):
             raise ConfigError(f"--dask {self.address!r}: not an address (valid: tcp://HOST:PORT)")
 
     def results(
-        self, tasks: Iterable[CellTask], run_id: str, display: Display
-    ) -> Generator[CellResult, None, None]:
-        """Yield the result of workers cell as it ends."""
+        self, tasks: Iterable[FitTask], run_id: str, display: Display
+    ) -> Generator[FitResult, None, None]:
+        """Yield the result of every fit as it ends."""
         waiting = iter(tasks)
         if (task := next(waiting, None)) is None:
             return  # no cluster is needed
-        running: dict[Future, tuple[CellTask, FitInput]] = {}
+        running: dict[Future, tuple[FitTask, FitInput]] = {}
         n_workers, counted = -1, 0.0
         with self._connected() as client:
             try:
@@ -143,7 +143,7 @@ _environment = cache(environment)
 def compute_in_child_process(
     work: Work, code: str
 ) -> tuple[str, dict[str, str], FitOutcome | None]:
-    """Compute a cell in a child process of this worker.
+    """Compute a fit in a child process of this worker.
 
     The worker's address, its environment and the outcome are returned.
 

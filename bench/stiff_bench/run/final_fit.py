@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stiff_bench.plan.cells import DEFAULT_COVERAGE, uses_validation
+from stiff_bench.plan.fits import DEFAULT_COVERAGE, uses_validation
 from stiff_bench.plan.options import Choice
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.evaluation import training_side

@@ -20,7 +20,7 @@ from typing import TypeVar
 import numpy as np
 
 from stiff_bench.console import printing_to_stderr
-from stiff_bench.plan.cells import made_model
+from stiff_bench.plan.fits import made_model
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.machine import MemoryMeter
 from stiff_protocols.contract.errors import (
@@ -60,7 +60,7 @@ ROWS_FOR_UNITS = 256
 CURVE_POINTS = 60
 """Number of stored points per training curve: enough for a figure."""
 LONGEST_MESSAGE, MOST_WARNINGS = 2000, 100
-"""Characters of a failure or warning; number of stored warnings per cell."""
+"""Characters of a failure or warning; number of stored warnings per fit."""
 MOST_SINGLE_PREDICTIONS = 21
 ROWS_AT_ONCE = 1024
 SECONDS = 0.1
@@ -80,7 +80,7 @@ class Fitted:
         cost: cost of the fit and the predictions.
         interval: intervals of the predictions; None: no intervals.
         calibration_samples: number of samples that split-conformal intervals come from; else 0.
-        diagnostics, chosen, curves: as in `CellResult`.
+        diagnostics, chosen, curves: as in `FitResult`.
         path_commands: (n, n_joints) rad or m, corrected, at the points of tool paths; None: not
             requested.
     """
@@ -137,7 +137,7 @@ def attempted(work: Callable[[], _Result]) -> tuple[_Result | None, str, str, tu
             result = work()
         except StiffBenchError as error:
             failure, cause = short(str(error)), type(error).__name__
-        except (Exception, SystemExit) as error:  # a plugin's error costs only this cell
+        except (Exception, SystemExit) as error:  # a plugin's error costs only this fit
             where = traceback.extract_tb(error.__traceback__)[-1]
             failure = f"{short(describe_error(error))} ({where.filename}:{where.lineno})"
             cause = type(error).__name__
@@ -155,7 +155,7 @@ def short(text: str) -> str:
 
 
 def _seed_global_numbers(seed: int) -> None:
-    """Seed the global random numbers, so that a cell draws the same ones everywhere."""
+    """Seed the global random numbers, so that a fit draws the same ones everywhere."""
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002
     if (torch := sys.modules.get("torch")) is not None:

@@ -24,7 +24,7 @@ from pathlib import Path
 import orjson
 import psutil
 
-from stiff_bench.plan.cells import version_of
+from stiff_bench.plan.fits import version_of
 from stiff_bench.plan.registry import import_plugin_file, plugin_files
 from stiff_bench.run.fit import FitOutcome, fit_and_predict, short
 from stiff_bench.run.machine import pinned

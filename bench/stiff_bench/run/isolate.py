@@ -24,9 +24,9 @@ import orjson
 import psutil
 from pebble import ProcessExpired, ProcessFuture, concurrent
 
-from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.fits import FitTask
 from stiff_bench.plan.registry import plugin_files
-from stiff_bench.run.cell import Execution, fit_input, score
+from stiff_bench.run.execution import Execution, fit_input, score
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.fit_process import (
     LOG,
@@ -46,7 +46,7 @@ from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import describe_error
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.progress import Progress
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.source_code import is_script_file
 
 SECONDS_BETWEEN_LOOKS = 0.1
@@ -69,13 +69,13 @@ _WITHOUT_SERVER = (NO_OUTCOME, "SIGKILL", "exit status 255")
 """Causes of fits whose server has ended: they are killed, and nobody knows their status."""
 
 
-def work_of(task: CellTask, given: FitInput, limits: Limits) -> Work:
-    """Return the input for the process that computes the fit of a cell."""
+def work_of(task: FitTask, given: FitInput, limits: Limits) -> Work:
+    """Return the input for the process that computes a fit."""
     model_info(REFERENCE_MODEL).load()
     loaded = list(sys.modules)  # another thread may import meanwhile
     return Work(
         task=pickle.dumps((task.model, given)),
-        model_version=task.cell.model_version,
+        model_version=task.fit.model_version,
         plugins=plugin_files(),
         imports=tuple(name for name in loaded if name == "torch" or name.startswith(_OURS)),
         limits=limits,
@@ -237,7 +237,7 @@ def _runs(process: psutil.Process) -> bool:
 
 @dataclass(eq=False, kw_only=True)
 class LocalProcesses(Execution):
-    """Compute cells in processes on this machine, several in parallel.
+    """Compute fits in processes on this machine, several in parallel.
 
     Attributes:
         limits: limits of each process.
@@ -246,13 +246,13 @@ class LocalProcesses(Execution):
     limits: Limits
 
     def results(
-        self, tasks: Iterable[CellTask], run_id: str, display: Display
-    ) -> Generator[CellResult, None, None]:
-        """Yield the result of every cell as it ends.
+        self, tasks: Iterable[FitTask], run_id: str, display: Display
+    ) -> Generator[FitResult, None, None]:
+        """Yield the result of every fit as it ends.
 
         A fit whose server ended is computed once more, without neighbours.
         """
-        lost = list[CellTask]()
+        lost = list[FitTask]()
         try:
             yield from self._results(tasks, run_id, display, lost)
             yield from self._results(lost, run_id, display)
@@ -261,23 +261,23 @@ class LocalProcesses(Execution):
 
     def _results(
         self,
-        tasks: Iterable[CellTask],
+        tasks: Iterable[FitTask],
         run_id: str,
         display: Display,
-        lost: list[CellTask] | None = None,
-    ) -> Generator[CellResult, None, None]:
-        """Yield the results; cells whose server ended are added to `lost` instead.
+        lost: list[FitTask] | None = None,
+    ) -> Generator[FitResult, None, None]:
+        """Yield the results; fits whose server ended are added to `lost` instead.
 
-        Without `lost` it is the second time: one cell after another.
+        Without `lost` it is the second time: one fit after another.
         """
         is_repetition = lost is None
         at_once = 1 if is_repetition else self.at_once
         waiting = iter(tasks)
-        running: dict[RunningFit, tuple[CellTask, FitInput]] = {}
+        running: dict[RunningFit, tuple[FitTask, FitInput]] = {}
 
         def ended(
-            task: CellTask, given: FitInput, outcome: FitOutcome
-        ) -> Generator[CellResult, None, None]:
+            task: FitTask, given: FitInput, outcome: FitOutcome
+        ) -> Generator[FitResult, None, None]:
             if lost is not None and outcome.cause == SERVER_ENDED:
                 lost.append(task)
             else:

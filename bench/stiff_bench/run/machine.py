@@ -2,7 +2,7 @@
 
 Linear algebra has one thread, unless the user sets another number. The number affects results: sums
 in another order round differently, and training amplifies that. So it depends neither on the number
-of cores nor on the number of cells that run in parallel.
+of cores nor on the number of fits that run in parallel.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def environment() -> dict[str, str]:
 
     torch is described only if a model has loaded it.
     """
-    from stiff_bench.plan.cells import installed  # needs numpy, for which threads are set first
+    from stiff_bench.plan.fits import installed  # needs numpy, for which threads are set first
 
     requirements = (line for line in requires(_OURS) or () if not _DEVELOPERS.search(line))
     packages = {re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in requirements} - {_OURS}

@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from stiff_bench.console import one_line, text_width
-from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.fits import FitTask
 from stiff_protocols.contract.progress import Progress, listening
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 
 with warnings.catch_warnings(action="ignore"):  # of a notebook without ipywidgets, which gets text
     from tqdm.auto import tqdm
@@ -47,18 +47,18 @@ class Display:
         self._shown_phase = ("", 0)
         self._ended = Counter[str]()
 
-    def begin(self, n_cells: int, n_cached: int) -> None:
-        """Show the number of cells."""
+    def begin(self, n_fits: int, n_cached: int) -> None:
+        """Show the number of fits."""
         self._ended = Counter({"cached": n_cached} if n_cached else {})
-        self._show_bar(FITS, n_cells)
+        self._show_bar(FITS, n_fits)
 
-    def start(self, task: CellTask) -> None:
-        """Show the name of the cell."""
-        cell, labels = task.cell, task.presentation
-        condition = f"({cell.condition}) " if cell.condition else ""
+    def start(self, task: FitTask) -> None:
+        """Show the name of the fit."""
+        fit, labels = task.fit, task.presentation
+        condition = f"({fit.condition}) " if fit.condition else ""
         name = (
             f"{labels.model} on {labels.dataset}, {labels.protocol} {condition}"
-            f"split {cell.split_index + 1}/{task.n_splits}"
+            f"split {fit.split_index + 1}/{task.n_splits}"
         )
         self._bar.set_description_str(one_line(name), refresh=False)
         self._move(0)
@@ -73,8 +73,8 @@ class Display:
             self._show_bar(progress.phase, progress.total)
         self._move(progress.step - self._bar.n, loss)
 
-    def end(self, result: CellResult) -> None:
-        """Move the bar; for a failed cell, show the reason and the last log lines."""
+    def end(self, result: FitResult) -> None:
+        """Move the bar; for a failed fit, show the reason and the last log lines."""
         self._ended[result.status] += 1
         self._move(1)
         if result.status == "failed":
@@ -102,7 +102,7 @@ class Display:
         self._move(0)
 
     def _move(self, steps: int, *notes: str) -> None:
-        """Move the bar, with the numbers of cells by status so far and notes behind it."""
+        """Move the bar, with the numbers of fits by status so far and notes behind it."""
         counts = ", ".join(f"{number} {status}" for status, number in self._ended.items())
         self._bar.set_postfix_str("; ".join(filter(None, (counts, *notes))), refresh=False)
         self._bar.update(steps)
@@ -110,7 +110,7 @@ class Display:
 
 @contextmanager
 def display() -> Iterator[Display]:
-    """Show the progress of cells or other work inside the block."""
+    """Show the progress of fits or other work inside the block."""
     run_display = Display()
     try:
         with listening(run_display.step):

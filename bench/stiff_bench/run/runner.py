@@ -1,4 +1,4 @@
-"""Run the cells of a plan without a stored result, and store each as it ends."""
+"""Run the fits of a plan without a stored result, and store each as it ends."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 from stiff_bench.console import say
-from stiff_bench.plan.cells import CellTask, RunPlan
+from stiff_bench.plan.fits import FitTask, RunPlan
 from stiff_bench.plan.registry import OURS, Registry
-from stiff_bench.run.cell import REUSED_STATUSES, Execution, Rerun
+from stiff_bench.run.execution import REUSED_STATUSES, Execution, Rerun
 from stiff_bench.run.fit_process import Limits
 from stiff_bench.run.isolate import LocalProcesses
 from stiff_bench.run.machine import environment, peak_memory_bytes
@@ -23,7 +23,7 @@ from stiff_bench.store.database import ResultStore, read_results
 from stiff_protocols.contract.display import BriefFields
 from stiff_protocols.contract.errors import ConfigError, StoreError
 from stiff_protocols.contract.extras import require
-from stiff_protocols.contract.record import CellResult, RunManifest
+from stiff_protocols.contract.record import FitResult, RunManifest
 
 
 @dataclass(frozen=True, repr=False)
@@ -31,24 +31,24 @@ class Finished(BriefFields):
     """Results of a finished run.
 
     Attributes:
-        results: results of every cell, in the order of the plan.
-        cached: keys of the cells whose results or failures were already stored.
+        results: results of every fit, in the order of the plan.
+        cached: keys of the fits whose results or failures were already stored.
         wall_s: wall time, s.
     """
 
-    results: tuple[CellResult, ...]
+    results: tuple[FitResult, ...]
     cached: frozenset[str]
     wall_s: float
 
     @property
     def summary(self) -> str:
-        """Count the cells by status: "18 ok, 2 failed (1 SIGKILL, 1 timed out), 3 cached"."""
+        """Count the fits by status: "18 ok, 2 failed (1 SIGKILL, 1 timed out), 3 cached"."""
         counts, causes = Counter[str](), Counter[str]()
         for result in self.results:
             if result.status == "failed":
                 causes[result.cause or "error"] += 1
             else:
-                counts["cached" if result.cell.key in self.cached else result.status] += 1
+                counts["cached" if result.fit.key in self.cached else result.status] += 1
         words = [f"{counts['ok']} ok"] if counts["ok"] or not counts["cached"] else []
         if causes:
             numbered = [f"{number} {cause}" for cause, number in causes.most_common()]
@@ -72,7 +72,7 @@ def chosen_execution(
 ) -> Execution:
     """Return the execution of a plan for the options of the command line.
 
-    Cells run in separate processes if several run in parallel, if a limit is set, or if a
+    Fits run in separate processes if several run in parallel, if a limit is set, or if a
     third-party model is run.
 
     Raises:
@@ -112,16 +112,16 @@ def chosen_execution(
     return Execution(**options)
 
 
-def run_cells(
-    tasks: Sequence[CellTask],
+def run_fits(
+    tasks: Sequence[FitTask],
     command: str,
     store: ResultStore,
     execution: Execution,
 ) -> Finished:
-    """Compute the cells that have no result yet, store each as it ends, and return them all.
+    """Compute the fits that have no result yet, store each as it ends, and return them all.
 
     The run's manifest, with the command, is written first and completed at the end, also when the
-    run is interrupted. `tasks` contains each cell once, also if several parts of a study need it.
+    run is interrupted. `tasks` contains each fit once, also if several parts of a study need it.
 
     Raises:
         StoreError: a result cannot be written.
@@ -130,24 +130,24 @@ def run_cells(
     started = time.perf_counter()
     results_by_key = _stored(tasks, store, execution.rerun)
     cached = set(results_by_key)
-    missing = [task for task in tasks if task.cell.key not in results_by_key]
+    missing = [task for task in tasks if task.fit.key not in results_by_key]
 
-    def waiting() -> Iterator[CellTask]:
-        """Yield each cell in its turn, unless another run has finished it meanwhile."""
+    def waiting() -> Iterator[FitTask]:
+        """Yield each fit in its turn, unless another run has finished it meanwhile."""
         for task in missing:
-            stored = None if execution.rerun == "all" else store.result(task.cell.key)
+            stored = None if execution.rerun == "all" else store.result(task.fit.key)
             if stored is None:
                 yield task
             else:
-                results_by_key[task.cell.key] = _with_labels(stored, task)
-                cached.add(task.cell.key)
+                results_by_key[task.fit.key] = _with_labels(stored, task)
+                cached.add(task.fit.key)
                 progress.end(stored)
 
     with _recorded_run(tasks, command, store, execution) as run_id:
         if missing:
-            sets = {task.cell.data_sha256: task.data for task in tasks}
+            sets = {task.fit.data_sha256: task.data for task in tasks}
             sets |= {
-                task.cell.source_sha256: task.source for task in tasks if task.source is not None
+                task.fit.source_sha256: task.source for task in tasks if task.source is not None
             }
             for data in sets.values():
                 store.write_data(data)
@@ -155,36 +155,36 @@ def run_cells(
                 progress.begin(len(missing), len(cached))
                 with closing(execution.results(waiting(), run_id, progress)) as ended_results:
                     for result in ended_results:
-                        store.write_cells([result])
-                        results_by_key[result.cell.key] = result
+                        store.write_fits([result])
+                        results_by_key[result.fit.key] = result
                         progress.end(result)
-    results = tuple(results_by_key[task.cell.key] for task in tasks)
+    results = tuple(results_by_key[task.fit.key] for task in tasks)
     return Finished(results, frozenset(cached), time.perf_counter() - started)
 
 
-def _stored(tasks: Sequence[CellTask], store: ResultStore, rerun: Rerun) -> dict[str, CellResult]:
+def _stored(tasks: Sequence[FitTask], store: ResultStore, rerun: Rerun) -> dict[str, FitResult]:
     """Return the stored results and failures that are reused.
 
-    A skipped cell is tried again: the missing package may be installed now.
+    A skipped fit is tried again: the missing package may be installed now.
     """
     if rerun == "all":
         return {}
-    tasks_by_key = {task.cell.key: task for task in tasks}
+    tasks_by_key = {task.fit.key: task for task in tasks}
     return {
-        result.cell.key: _with_labels(result, tasks_by_key[result.cell.key])
+        result.fit.key: _with_labels(result, tasks_by_key[result.fit.key])
         for result in read_results(store.folder, tasks_by_key.keys())
         if result.status in REUSED_STATUSES[rerun]
     }
 
 
-def _with_labels(result: CellResult, task: CellTask) -> CellResult:
+def _with_labels(result: FitResult, task: FitTask) -> FitResult:
     """Return a stored result with the names and number of splits of this run."""
     return replace(result, presentation=task.presentation, n_splits=task.n_splits)
 
 
 @contextmanager
 def _recorded_run(
-    tasks: Sequence[CellTask], command: str, store: ResultStore, execution: Execution
+    tasks: Sequence[FitTask], command: str, store: ResultStore, execution: Execution
 ) -> Iterator[str]:
     """Write the manifest of a run at its start and end, and yield its name."""
     started = time.perf_counter()
@@ -194,7 +194,7 @@ def _recorded_run(
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         status="running",
         environment=environment() | dict(execution.facts),
-        cells=tuple(task.cell.key for task in tasks),
+        cells=tuple(task.fit.key for task in tasks),
     )
     store.write_manifest(manifest)
 

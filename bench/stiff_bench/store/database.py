@@ -2,14 +2,14 @@
 
 ::
 
-    run      a row per run: command, environment, the keys of the requested cells (JSON)
+    run      a row per run: command, environment, the keys of the requested fits (JSON)
     data     a row a data set: its samples and robot as one blob
     cell     a row a cell: what it is, which run computed it, its status and cost; predictions and
              training curves as one blob of little-endian float64, with names and shapes in `arrays`
 
 Numbers are in SI units at full precision. What has no fixed shape is strict JSON. Each write is one
-transaction; of a cell there is one row. A failure does not replace a result: a cell has one key for
-all that shapes its numbers, so a rerun that timed out takes nothing away. Each row of a cell has
+transaction; of a fit there is one row. A failure does not replace a result: a fit has one key for
+all that shapes its numbers, so a rerun that timed out takes nothing away. Each row of a fit has
 the SHA-256 of its content, checked when it is read.
 
 A third-party file holds these three tables and nothing that SQLite would execute.
@@ -40,7 +40,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from stiff_bench.store.samples import StoredData
 from stiff_protocols.contract.errors import DataError, StoreError
 from stiff_protocols.contract.files import make_folder, written_whole
-from stiff_protocols.contract.record import Cell, CellResult, Cost, Presentation, RunManifest
+from stiff_protocols.contract.record import Cost, Fit, FitResult, Presentation, RunManifest
 from stiff_protocols.contract.types import (
     BOUND_NAMES,
     TRUTHS,
@@ -67,13 +67,13 @@ SYNCHRONOUS = "FULL"
 
 _NAMES = ("model", "dataset", "protocol")
 """In the file these are names with options; the columns `model_key` ... have only keys."""
-_OF_CELL = tuple(item.name for item in fields(Cell) if item.name not in _NAMES)
+_OF_FIT = tuple(item.name for item in fields(Fit) if item.name not in _NAMES)
 _OF_RESULT = ("run_id", "status", "n_splits", "n_train", "calibration_samples", "cause", "failure")
 _PRESENTATION_FIELDS = tuple(item.name for item in fields(Presentation) if item.name not in _NAMES)
 _ABOUT = ("diagnostics", "warnings", "log", "chosen", "n_labels", "n_poses")
 _JSON = (*(f"{name}_params" for name in _NAMES), "shown", "about", "arrays")
 _KEYS = tuple(f"{name}_key" for name in _NAMES)
-_COLUMNS = ("key", *_NAMES, *_KEYS, *_OF_CELL, *_OF_RESULT, *Cost._fields, *_JSON[-3:], "numbers")
+_COLUMNS = ("key", *_NAMES, *_KEYS, *_OF_FIT, *_OF_RESULT, *Cost._fields, *_JSON[-3:], "numbers")
 
 _INTEGERS = ("split_index", "seed", "interval_version", "n_splits", "n_train")
 _REALS = ("coverage", "fit_s", "predict_s", "latency_s", "throughput_per_s")
@@ -82,7 +82,7 @@ _COLUMN_TYPES = dict.fromkeys(_COLUMNS, "TEXT") | {
     **dict.fromkeys(_REALS, "REAL"),
     "numbers": "BLOB",
 }
-"""Column of a cell -> SQLite's type, in the order of the table; its checksum follows."""
+"""Column of a fit -> SQLite's type, in the order of the table; its checksum follows."""
 
 _LEAST_UNPACKED, _MOST_PACKED = 2**28, 50
 """Bytes that a packed file of any size may unpack to, and the largest factor of a larger one."""
@@ -130,9 +130,9 @@ def _stored_record(owner: type, names: Iterable[str]) -> type[BaseModel]:
 
 
 def _stored_columns() -> dict[str, Any]:
-    """Return the type of each column of a cell after its JSON is read."""
+    """Return the type of each column of a fit after its JSON is read."""
     columns: dict[str, Any] = dict.fromkeys(("key", *_NAMES, *_KEYS), str)
-    for owner, names in ((Cell, _OF_CELL), (CellResult, _OF_RESULT)):
+    for owner, names in ((Fit, _OF_FIT), (FitResult, _OF_RESULT)):
         hints = get_type_hints(owner)
         columns |= {name: _STORED_TYPES.get(hints[name], hints[name]) for name in names}
     columns |= dict.fromkeys(Cost._fields, _Amount | None) | {"memory_bytes": _Count | None}
@@ -140,14 +140,14 @@ def _stored_columns() -> dict[str, Any]:
     return columns | {
         "coverage": Annotated[float, Field(gt=0.0, lt=1.0)] | None,
         "shown": _stored_record(Presentation, _PRESENTATION_FIELDS),
-        "about": _stored_record(CellResult, _ABOUT),
+        "about": _stored_record(FitResult, _ABOUT),
         "arrays": dict[str, list[_Count]],
         "numbers": bytes,
     }
 
 
-_CELL_FIELDS: dict[str, Any] = {name: (kind, ...) for name, kind in _stored_columns().items()}
-_STORED_CELL = create_model("StoredCell", **_CELL_FIELDS)
+_FIT_FIELDS: dict[str, Any] = {name: (kind, ...) for name, kind in _stored_columns().items()}
+_STORED_FIT = create_model("StoredFit", **_FIT_FIELDS)
 _STORED_RUN = TypeAdapter(RunManifest)
 
 
@@ -171,7 +171,7 @@ class ResultStore:
         except StoreError as error:
             raise StoreError(f"{error}", "output") from error
 
-    def write_cells(self, results: Iterable[CellResult]) -> None:
+    def write_fits(self, results: Iterable[FitResult]) -> None:
         """Store results and failures as one transaction; a failure takes nothing from a result.
 
         Raises:
@@ -196,8 +196,8 @@ class ResultStore:
         with writing(self.folder) as db:
             db.execute("INSERT OR IGNORE INTO data VALUES (?, ?, ?)", row)
 
-    def result(self, key: str) -> CellResult | None:
-        """Return a cell's result; None if nothing or only a failure is stored."""
+    def result(self, key: str) -> FitResult | None:
+        """Return a fit's result; None if nothing or only a failure is stored."""
         results = read_results(self.folder, [key])
         return next((result for result in results if result.status == "ok"), None)
 
@@ -241,12 +241,12 @@ def why_no_results(folder: Path) -> str:
     return "is a file, not a folder of results" if folder.exists() else "no such folder"
 
 
-def read_results(folder: Path, keys: Collection[str] | None = None) -> list[CellResult]:
-    """Return the cells of a folder, failed and skipped ones too, in the order of their keys.
+def read_results(folder: Path, keys: Collection[str] | None = None) -> list[FitResult]:
+    """Return the fits of a folder, failed and skipped ones too, in the order of their keys.
 
     Args:
         folder: of the results; it may be one that cannot be written.
-        keys: of the cells; None: all. Those that are not stored are left out.
+        keys: of the fits; None: all. Those that are not stored are left out.
 
     Raises:
         StoreError: the file is corrupt, of another format, or cannot be read.
@@ -260,7 +260,7 @@ def read_results(folder: Path, keys: Collection[str] | None = None) -> list[Cell
             results.append(_read_row(row))
         except DataError as error:
             remedy = _rerun(folder, row[0])
-            raise _corrupt(folder / FILE, f"cell {_short_name(row[0])}: {error}", remedy) from error
+            raise _corrupt(folder / FILE, f"fit {_short_name(row[0])}: {error}", remedy) from error
     return results
 
 
@@ -287,13 +287,13 @@ def _short_name(name: object) -> str:
 
 
 def _rerun(folder: Path, key: str) -> str:
-    """Return the command that computes a cell again, whatever is stored of it; "": not known."""
+    """Return the command that computes a fit again, whatever is stored of it; "": not known."""
     commands = [run.command for run in read_manifests(folder) if key in run.cells]
     return f"repeat this run with --rerun all: {commands[-1]}" if commands else ""
 
 
 def stored_statuses(folder: Path) -> dict[str, str]:
-    """Return which cells are stored: key -> "ok", "failed" or "skipped"."""
+    """Return which fits are stored: key -> "ok", "failed" or "skipped"."""
     with reading(folder) as db:
         return dict(db.execute("SELECT key, status FROM cell").fetchall())
 
@@ -331,7 +331,7 @@ def read_data(folder: Path, sha256: str) -> StoredData:
     """Read the data set with this hash that results of a folder belong to.
 
     Raises:
-        StoreError: there is none, it is corrupt, or a cell has rows that it does not have.
+        StoreError: there is none, it is corrupt, or a fit has rows that it does not have.
     """
     query = "SELECT content, content_sha256 FROM data WHERE sha256 = ?"
     with reading(folder) as db:
@@ -347,7 +347,7 @@ def read_data(folder: Path, sha256: str) -> StoredData:
             rows = _arrays_in(orjson.loads(shapes), numbers).get("rows")
             if rows is not None and rows.max() >= len(data.samples):
                 raise DataError(
-                    f"cell {_short_name(key)} has row {rows.max():.0f} of {len(data.samples)} rows"
+                    f"fit {_short_name(key)} has row {rows.max():.0f} of {len(data.samples)} rows"
                 )
         return data
     except (DataError, TypeError, ValueError) as error:
@@ -507,13 +507,13 @@ def sqlite_errors_as_store_error(path: Path, what: str) -> Iterator[None]:
         raise StoreError(f"{path}: cannot be {what}: {error}{hint if busy else ''}") from error
 
 
-def _cell_row(result: CellResult) -> dict[str, Any]:
+def _fit_row(result: FitResult) -> dict[str, Any]:
     """Return column -> what is stored of a result."""
-    cell, arrays = result.cell, _arrays(result)
-    row: dict[str, Any] = {"key": cell.key}
+    fit, arrays = result.fit, _arrays(result)
+    row: dict[str, Any] = {"key": fit.key}
     row |= {name: getattr(result.presentation, name) for name in _NAMES}
-    row |= {f"{name}_key": getattr(cell, name) for name in _NAMES}
-    row |= {name: getattr(cell, name) for name in _OF_CELL}
+    row |= {f"{name}_key": getattr(fit, name) for name in _NAMES}
+    row |= {name: getattr(fit, name) for name in _OF_FIT}
     row |= {name: getattr(result, name) for name in _OF_RESULT}
     row |= {name: getattr(result.cost, name, None) for name in Cost._fields}
     row["shown"] = {name: getattr(result.presentation, name) for name in _PRESENTATION_FIELDS}
@@ -536,7 +536,7 @@ def _as_stored(value: Any, kind: str) -> Any:
     return {"TEXT": str, "REAL": float, "INTEGER": int}[kind](value)
 
 
-def _cell_result(row: Mapping[str, Any]) -> CellResult:
+def _fit_result(row: Mapping[str, Any]) -> FitResult:
     """Return the result that was stored as this row.
 
     Raises:
@@ -544,7 +544,7 @@ def _cell_result(row: Mapping[str, Any]) -> CellResult:
         ValueError, TypeError: a value has another type or is out of range.
     """
     row = {**row, **{name: orjson.loads(row[name]) for name in _JSON}}
-    row = vars(_STORED_CELL.model_validate(row))
+    row = vars(_STORED_FIT.model_validate(row))
     about, labels = (
         {name: getattr(row[part], name) for name in row[part].model_fields_set}
         for part in ("about", "shown")
@@ -556,13 +556,13 @@ def _cell_result(row: Mapping[str, Any]) -> CellResult:
     if cost[0] is not None and None in cost[:-1]:
         raise DataError(f"{Cost._fields[cost.index(None)]} is missing")
     curves = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_CURVE)}
-    cell = Cell(
-        **{name: row[f"{name}_key"] for name in _NAMES}, **{name: row[name] for name in _OF_CELL}
+    fit = Fit(
+        **{name: row[f"{name}_key"] for name in _NAMES}, **{name: row[name] for name in _OF_FIT}
     )
-    if cell.key != row["key"]:
-        raise DataError(f"it is of the cell {cell.key}")
-    return CellResult(
-        cell=cell,
+    if fit.key != row["key"]:
+        raise DataError(f"it is of the fit {fit.key}")
+    return FitResult(
+        fit=fit,
         presentation=Presentation(**{name: row[name] for name in _NAMES}, **labels),
         **{name: row[name] for name in _OF_RESULT},
         **about,
@@ -572,7 +572,7 @@ def _cell_result(row: Mapping[str, Any]) -> CellResult:
     )
 
 
-def _arrays(result: CellResult) -> dict[str, FloatArray]:
+def _arrays(result: FitResult) -> dict[str, FloatArray]:
     """Return name -> array: of the prediction, (n,) row numbers and (n, 3) m each; the curves."""
     arrays: dict[str, FloatArray] = {}
     if (prediction := result.prediction) is not None:
@@ -583,13 +583,13 @@ def _arrays(result: CellResult) -> dict[str, FloatArray]:
             arrays |= dict(zip(_DIRECTIONS, vectors, strict=False))
         if prediction.reference is not None:
             arrays["reference"] = prediction.reference
-        if prediction.interval is not None:  # its coverage is the cell's
+        if prediction.interval is not None:  # its coverage is the fit's
             arrays |= {"lower": prediction.interval.lower, "upper": prediction.interval.upper}
     return arrays | {f"{_CURVE}{name}": curve for name, curve in result.curves.items()}
 
 
 def _arrays_in(shapes: Mapping[str, Sequence[int]], numbers: bytes) -> dict[str, FloatArray]:
-    """Return the arrays of a cell; only curves may hold numbers that are not finite.
+    """Return the arrays of a fit; only curves may hold numbers that are not finite.
 
     Raises:
         DataError: a name, a shape or a number is wrong.
@@ -646,9 +646,9 @@ def _prediction(arrays: Mapping[str, FloatArray], coverage: float | None) -> Pre
     )
 
 
-def write_row(db: sqlite3.Connection, result: CellResult) -> None:
-    """Replace what is stored of a cell; a failure does not replace a result."""
-    row = _cell_row(result)
+def write_row(db: sqlite3.Connection, result: FitResult) -> None:
+    """Replace what is stored of a fit; a failure does not replace a result."""
+    row = _fit_row(result)
     there = db.execute("SELECT status FROM cell WHERE key = ?", (row["key"],)).fetchone()
     if there == ("ok",) and result.status != "ok":
         return
@@ -656,7 +656,7 @@ def write_row(db: sqlite3.Connection, result: CellResult) -> None:
     db.execute(f"INSERT OR REPLACE INTO cell VALUES {_marks(values)}", values)
 
 
-def _read_row(values: Sequence[Any]) -> CellResult:
+def _read_row(values: Sequence[Any]) -> FitResult:
     """Return the result in a row of the table `cell`.
 
     Raises:
@@ -666,13 +666,13 @@ def _read_row(values: Sequence[Any]) -> CellResult:
     try:
         if _checksum(content) != sha256:
             raise DataError("its checksum does not match its content")
-        return _cell_result(dict(zip(_COLUMN_TYPES, content, strict=True)))
+        return _fit_result(dict(zip(_COLUMN_TYPES, content, strict=True)))
     except (TypeError, ValueError) as error:
         raise DataError(_reason(error)) from error
 
 
 def _checksum(values: Sequence[Any]) -> str:
-    """Return the SHA-256 of a cell's columns, of which the last are bytes."""
+    """Return the SHA-256 of a fit's columns, of which the last are bytes."""
     return hashlib.sha256(orjson.dumps(values[:-1]) + b"\0" + values[-1]).hexdigest()
 
 

@@ -23,10 +23,10 @@ from stiff_bench.store.database import (
     writing,
 )
 from stiff_protocols.contract.errors import ConfigError, StoreError
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 
 ROUNDING_M = 1e-9
-"""Largest difference between two predictions of one cell that is taken for rounding, m."""
+"""Largest difference between two predictions of one fit that is taken for rounding, m."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,12 +35,12 @@ class Merged:
 
     Attributes:
         output: the folder that was merged into.
-        n_cells, n_there: number of cells in the output, now and before.
-        taken: folder -> number of cells that it holds, and that were taken from it.
+        n_fits, n_there: number of fits in the output, now and before.
+        taken: folder -> number of fits that it holds, and that were taken from it.
     """
 
     output: Path
-    n_cells: int
+    n_fits: int
     n_there: int
     taken: dict[Path, tuple[int, int]]
 
@@ -49,10 +49,10 @@ class Merged:
         """Return the counts as lines of text."""
         note = "; the others are stored already"
         lines = [
-            f"{folder}: {n_taken} of {n_cells} results taken{note if n_taken < n_cells else ''}"
-            for folder, (n_cells, n_taken) in self.taken.items()
+            f"{folder}: {n_taken} of {n_fits} results taken{note if n_taken < n_fits else ''}"
+            for folder, (n_fits, n_taken) in self.taken.items()
         ]
-        return [*lines, f"{self.n_cells} results in {self.output}, {self.n_there} from before"]
+        return [*lines, f"{self.n_fits} results in {self.output}, {self.n_there} from before"]
 
     def __repr__(self) -> str:
         return printable("\n".join(self.report))
@@ -96,17 +96,17 @@ def merge_fits(
     ResultStore(output)
     with writing(output) as db:
         # the transaction keeps other writers out, so what is read here stays as it is
-        stored = {result.cell.key: (output, result) for result in read_results(output)}
+        stored = {result.fit.key: (output, result) for result in read_results(output)}
         runs = {run.run_id: run for run in read_manifests(output)}
         n_there, taken = len(stored), {}
         for folder, results in inputs.items():
             new = [result for result in results if _is_new(folder, result, stored)]
             for result in new:
                 write_row(db, result)
-                stored[result.cell.key] = (folder, result)
+                stored[result.fit.key] = (folder, result)
             taken[folder] = (len(results), len(new))
-            needed = {result.cell.data_sha256 for result in results}
-            needed |= {result.cell.source_sha256 for result in results}
+            needed = {result.fit.data_sha256 for result in results}
+            needed |= {result.fit.source_sha256 for result in results}
             data = stored_rows(folder, "SELECT * FROM data")
             data = [row for row in data if keys is None or row[0] in needed]
             db.executemany("INSERT OR IGNORE INTO data VALUES (?, ?, ?)", data)
@@ -136,13 +136,13 @@ def _inputs(folders: Sequence[Path], output: Path) -> list[Path]:
     return list(different.values())
 
 
-def _is_new(folder: Path, result: CellResult, stored: dict[str, tuple[Path, CellResult]]) -> bool:
+def _is_new(folder: Path, result: FitResult, stored: dict[str, tuple[Path, FitResult]]) -> bool:
     """Check whether a result must be stored.
 
     Raises:
-        ConfigError: another result of this cell is stored, with stored_result numbers.
+        ConfigError: another result of this fit is stored, with stored_result numbers.
     """
-    key, labels = result.cell.key, result.presentation
+    key, labels = result.fit.key, result.presentation
     if key not in stored:
         return True
     other_folder, stored_result = stored[key]
@@ -153,7 +153,7 @@ def _is_new(folder: Path, result: CellResult, stored: dict[str, tuple[Path, Cell
         if difference > ROUNDING_M:
             raise ConfigError(
                 f"{folder} and {other_folder} have different numbers of one fit: {labels.model} on "
-                f"{labels.dataset}, {labels.protocol}, split {result.cell.split_index} ({key}), up "
+                f"{labels.dataset}, {labels.protocol}, split {result.fit.split_index} ({key}), up "
                 f"to {difference:.1e} m apart; nothing was merged: leave one folder out, or "
                 "compute it again there with --rerun all"
             )

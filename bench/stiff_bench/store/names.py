@@ -37,7 +37,7 @@ _HELD = "\0"  # stands for a doubled mark; no command line holds it
 def split_word(word: str) -> tuple[str, list[str]]:
     """Return the key and the ``OPTION=VALUE`` parts of what a user wrote.
 
-    What follows the command line has a `Variant`, a stored cell its options: neither is split.
+    What follows the command line has a `Variant`, a stored fit its options: neither is split.
     """
     key, *settings = (part.replace(_HELD, OPTION_MARK) for part in _held(word).split(OPTION_MARK))
     return key, settings
@@ -67,7 +67,7 @@ class Variant:
 
     @classmethod
     def of_stored_name(cls, key: str, name: str, options: Mapping[str, Any]) -> Variant:
-        """Return the options of a stored cell that its name contains."""
+        """Return the options of a stored fit that its name contains."""
         parts = f"{_held(name)}{OPTION_MARK}"
         shown_options = {
             k: v for k, v in options.items() if f"{_held(_part(k, v))}{OPTION_MARK}" in parts

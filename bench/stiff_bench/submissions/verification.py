@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiff_bench.paper.study_file import Study, StudyRun
-from stiff_bench.plan.cells import CellTask, cell_tasks, installed
+from stiff_bench.plan.fits import FitTask, fit_tasks, installed
 from stiff_bench.plan.options import Choice
 from stiff_bench.plan.registry import Registry, build_registry
 from stiff_bench.results.fresh_robots import (
@@ -29,10 +29,10 @@ from stiff_bench.results.fresh_robots import (
 from stiff_bench.results.load import StoredResults
 from stiff_bench.results.scored_task import sort_key
 from stiff_bench.results.scores import Scores, ratio_frame
-from stiff_bench.run.cell import Execution
+from stiff_bench.run.execution import Execution
 from stiff_bench.run.fit import FitOutcome
 from stiff_bench.run.machine import environment
-from stiff_bench.run.runner import run_cells
+from stiff_bench.run.runner import run_fits
 from stiff_bench.store.database import ResultStore, has_results, read_results
 from stiff_bench.submissions.sealed_fit import About, SealedModel
 from stiff_bench.tables.table import Column, Table
@@ -42,7 +42,7 @@ from stiff_models.model_catalog import REFERENCE_MODEL
 from stiff_protocols.contract.errors import ConfigError, ModelError
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.record import Cell
+from stiff_protocols.contract.record import Fit
 from stiff_protocols.scoring.over_robots import MeanRatio, mean_ratio
 
 if TYPE_CHECKING:
@@ -254,35 +254,35 @@ def verify(
             named = (study.lite_version() if lite else study).run[0]
             run = named if side == "named" else _fresh_run(draw, lite)
             run_of_rivals = replace(run, models=RIVALS_LITE if lite else RIVALS)
-            rivals = {_plain_key(t.cell): t for t in _tasks(study, run_of_rivals, catalogue)}
-            there = [f for f in stored if _plain_key(f.cell) in rivals and f.status == "ok"]
-            stored_keys = {_plain_key(fit.cell) for fit in there}
+            rivals = {_plain_key(t.fit): t for t in _tasks(study, run_of_rivals, catalogue)}
+            there = [f for f in stored if _plain_key(f.fit) in rivals and f.status == "ok"]
+            stored_keys = {_plain_key(fit.fit) for fit in there}
             missing = [task for key, task in rivals.items() if key not in stored_keys]
             of_submission = [
                 replace(
                     task,
-                    cell=replace(task.cell, model_version=model.submission.sha256[:12]),
+                    fit=replace(task.fit, model_version=model.submission.sha256[:12]),
                     presentation=replace(task.presentation, model=about.name),
                 )
                 for task in _tasks(study, replace(run, models=(about.key,)), catalogue)
             ]
             place = results if write and side == "named" else Path(folder) / side
-            computed = run_cells(of_submission, command, ResultStore(place), sealed).results
+            computed = run_fits(of_submission, command, ResultStore(place), sealed).results
             if failed := [fit for fit in computed if fit.status != "ok"]:
                 dataset = failed[0].presentation.dataset
                 raise ConfigError(
                     f"{model.submission.folder}: no result on {dataset}: {failed[0].failure}"
                 )
             store = ResultStore(Path(folder) / f"{side} rivals")
-            of_rivals = run_cells(missing, command, store, execution).results
+            of_rivals = run_fits(missing, command, store, execution).results
             every_fit = StoredResults.of_results(place, [*there, *of_rivals, *computed])
             scores[side] = Scores.of(every_fit, sort_key(METRIC), every_fit.tasks)
     return Verification(about.name, draw, **scores)
 
 
-def _plain_key(cell: Cell) -> str:
+def _plain_key(fit: Fit) -> str:
     """Return the key of a fit without intervals."""
-    return replace(cell, coverage=None, interval_version=0).key
+    return replace(fit, coverage=None, interval_version=0).key
 
 
 def _fresh_run(draw: Draw, lite: bool) -> StudyRun:
@@ -295,9 +295,9 @@ def _fresh_run(draw: Draw, lite: bool) -> StudyRun:
     return StudyRun(models=(), datasets=tuple(words), protocols=(PROTOCOL,), splits=1)
 
 
-def _tasks(study: Study, run: StudyRun, catalogue: Registry) -> list[CellTask]:
+def _tasks(study: Study, run: StudyRun, catalogue: Registry) -> list[FitTask]:
     """Return the fits of a run."""
-    return [*cell_tasks(*replace(study, run=(run,)).plans(catalogue, output=Path(), command=""))]
+    return [*fit_tasks(*replace(study, run=(run,)).plans(catalogue, output=Path(), command=""))]
 
 
 def _checked(model: SealedModel) -> About:

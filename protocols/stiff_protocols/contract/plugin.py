@@ -137,7 +137,7 @@ class ModelInfo(PluginInfo):
         quick: option values with which a fit takes seconds, for the conformance suite.
         grids: name -> option -> candidates, for protocols that tune; "default" is searched by
             default.
-        version: part of a cell's identity. Raise it with each change of the model's numbers. A
+        version: part of a fit's identity. Raise it with each change of the model's numbers. A
             plugin need not raise it: its files are also part of the identity.
         library: a distribution whose installed version belongs to the identity, because it
             implements the model; "" for none.

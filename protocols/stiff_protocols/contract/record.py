@@ -1,4 +1,4 @@
-"""Stored records: the identity of a cell, its result, and the origin of a run."""
+"""Stored records: the identity of a fit, its result, and the origin of a run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Cost(NamedTuple):
 
 
 INTERVAL_VERSION = 3
-"""Version of the intervals' method. Raise it with each change of their numbers, so that cells with
+"""Version of the intervals' method. Raise it with each change of their numbers, so that fits with
 intervals are computed again. tests/protocols/scoring/test_golden_scoring.py fails on a change."""
 
 
@@ -47,7 +47,7 @@ READING_OPTION = "read_on"
 
 
 @dataclass(frozen=True)
-class Cell:
+class Fit:
     """A model on a split: the unit that is computed, stored and compared.
 
     Attributes:
@@ -63,7 +63,7 @@ class Cell:
         source_sha256: hash of another robot's data for the source domain; else "".
         model_version: `ModelInfo.version` of a built-in model, with the version of its library; for
             a plugin's model the hash of its files; "" if unknown.
-        interval_version: the `INTERVAL_VERSION` of a cell with intervals; else 0.
+        interval_version: the `INTERVAL_VERSION` of a fit with intervals; else 0.
     """
 
     model: str
@@ -85,7 +85,7 @@ class Cell:
 
     @cached_property
     def key(self) -> str:
-        """Name of the cell: a hash that does not depend on the order of options."""
+        """Name of the fit: a hash that does not depend on the order of options."""
         identity = self._identity()
         for name in _OPTIONAL:  # empty fields do not change the key
             if not identity[name]:
@@ -126,7 +126,7 @@ def _hash(identity: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Presentation:
-    """Facts that must always be shown with a cell's numbers.
+    """Facts that must always be shown with a fit's numbers.
 
     Attributes:
         model, dataset, protocol: keys with the options that differ from their defaults, e.g.
@@ -162,11 +162,11 @@ class Presentation:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CellResult(BriefFields):
-    """Result of a computed cell; metrics are computed from it when it is read.
+class FitResult(BriefFields):
+    """Result of a computed fit; metrics are computed from it when it is read.
 
     Attributes:
-        cell: identity of the result.
+        fit: identity of the result.
         presentation: facts to show with its numbers.
         run_id: run that computed it.
         status: "ok", "failed", or "skipped": the model cannot be used on this machine.
@@ -177,7 +177,7 @@ class CellResult(BriefFields):
         warnings: warnings during fit and prediction.
         failure: why it failed or was skipped; "" otherwise.
         cause: short cause of a failure, used to count it: "ValueError", "SIGKILL", "timed out".
-        log: last printed lines of a failed cell's process.
+        log: last printed lines of a failed fit's process.
         calibration_samples: number of samples for split-conformal intervals; 0 if the model has its
             own intervals, or none.
         n_train: rows of the training side, with validation rows; 0 unless "ok".
@@ -190,7 +190,7 @@ class CellResult(BriefFields):
             (NaN: none), in the network's own units; empty without such a training.
     """
 
-    cell: Cell
+    fit: Fit
     presentation: Presentation
     run_id: str
     status: Literal["ok", "failed", "skipped"]
@@ -211,13 +211,13 @@ class CellResult(BriefFields):
 
     @property
     def why_none(self) -> str:
-        """Status and reason of a cell without numbers."""
+        """Status and reason of a fit without numbers."""
         return f"{self.status}: {self.failure}"
 
 
 @dataclass(frozen=True, repr=False)
 class RunManifest(BriefFields):
-    """Provenance of a run: everything except the cells that can change a result.
+    """Provenance of a run: everything except the fits that can change a result.
 
     Attributes:
         run_id: name of the run.
@@ -225,7 +225,7 @@ class RunManifest(BriefFields):
         started: UTC, ISO 8601.
         status: "running", "finished" or "interrupted".
         environment: versions, processor, threads, commit and whether the tree was dirty.
-        cells: keys of the requested cells.
+        cells: keys of the requested fits.
         wall_s: total wall time, s; 0 while running.
         peak_memory_bytes: peak memory of the process; 0 while running.
         machines: environments of other machines in the run, by their addresses.

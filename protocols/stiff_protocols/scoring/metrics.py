@@ -1,6 +1,6 @@
-"""Measures of a cell: errors of its predictions, its intervals, and its cost.
+"""Measures of a fit: errors of its predictions, its intervals, and its cost.
 
-They are computed when a stored cell is read, so a new entry of `METRICS` has values for every
+They are computed when a stored fit is read, so a new entry of `METRICS` has values for every
 folder of results.
 
 With e_i the ABSOLUTE error of sample i in one direction, the source paper defines
@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from stiff_protocols.contract.errors import unknown_name
-from stiff_protocols.contract.record import CellResult, Cost
+from stiff_protocols.contract.record import Cost, FitResult
 from stiff_protocols.contract.types import (
     AXES,
     DRAWN,
@@ -82,8 +82,8 @@ class Metric:
         values = zip(self.axes, np.atleast_1d(computed).tolist(), strict=True)
         return {axis: value for axis, value in values if np.isfinite(value)}
 
-    def of_result(self, result: CellResult) -> dict[str, float]:
-        """Return axis -> value of a cell, in SI units; empty without a prediction."""
+    def of_result(self, result: FitResult) -> dict[str, float]:
+        """Return axis -> value of a fit, in SI units; empty without a prediction."""
         prediction = result.prediction
         return {} if prediction is None else self.values(prediction, result.cost)
 

@@ -245,7 +245,7 @@ def test_lists_are_tables_and_show_is_a_text():
 
 def test_results_are_merged_and_drawn(twin, tmp_path):
     sb.evaluate("zero", twin, splits=1, output=tmp_path / "zero")
-    assert sb.merge([tmp_path / "zero"], tmp_path / "both").n_cells == 2  # with the reference model
+    assert sb.merge([tmp_path / "zero"], tmp_path / "both").n_fits == 2  # with the reference model
     drawn = sb.figure("errors", sb.open_results(tmp_path / "both").select(models=["zero"]))
     assert "kr10-twin@specimen=3" in drawn.caption
     with pytest.raises(StiffBenchError, match="no result"):

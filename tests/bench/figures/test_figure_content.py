@@ -107,11 +107,11 @@ def test_a_calibration_has_a_panel_for_each_coverage_that_every_split_has(tmp_pa
         made.add("vjm", [0.3, 0.3], coverage=None if coverage == 0.9 else coverage)
     store = ResultStore(tmp_path)
     for result in list(read_results(tmp_path)):
-        if result.presentation.model == "gp" and result.cell.coverage == 0.5:
+        if result.presentation.model == "gp" and result.fit.coverage == 0.5:
             shift = np.where(np.arange(len(result.prediction.rows)) % 2, 1.0, 0.0)[:, None]
             old = result.prediction.interval
             moved = Interval(old.lower + shift, old.upper + shift, 0.5)
-            store.write_cells(
+            store.write_fits(
                 [replace(result, prediction=replace(result.prediction, interval=moved))]
             )
     half, most = FIGURES["calibration"](FigureSource.of(tmp_path)).draw().axes
@@ -240,7 +240,7 @@ def test_the_size_is_the_number_of_poses_that_is_stored(tmp_path):
         about = EFFICIENCY | {"condition": f"n = {size}", "n_train": 1}
         for model in ("vjm", "gp"):
             (key,) = made.add(model, [0.1], **about)
-            store.write_cells([replace(store.result(key), n_poses=size)])
+            store.write_fits([replace(store.result(key), n_poses=size)])
     assert list(errors_of(tmp_path).columns) == list(SIZES)
 
 

@@ -40,7 +40,7 @@ def with_noise(folder, *datasets: str) -> None:
             tested = result.prediction
             noise = tested.measured + np.array([0.0, 0.0, NOISE_MM * 1e-3])
             prediction = replace(tested, bound_deflections={"noise": noise})
-            store.write_cells([replace(result, prediction=prediction)])
+            store.write_fits([replace(result, prediction=prediction)])
 
 
 def drawn(folder, name="scores", **words):

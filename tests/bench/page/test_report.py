@@ -74,8 +74,8 @@ def test_details_are_folded_and_failures_are_mentioned_only_if_there_are_some(re
 def test_identified_stiffnesses_are_listed_with_the_data(results):
     for result in [*read_results(results.folder)]:
         if result.presentation.model == "vjm":
-            springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.cell.split_index}
-            ResultStore(results.folder).write_cells([replace(result, diagnostics=springs)])
+            springs = {"stiffness A1 [Nm/rad]": 1000.0 + 200.0 * result.fit.split_index}
+            ResultStore(results.folder).write_fits([replace(result, diagnostics=springs)])
     _, stiffnesses = parts_of(results.folder)["Robots and data"].tables
     assert [row[3:] for row in stiffnesses.texts()] == [["A1 [Nm/rad]", "1,100 ± 141"]] * 2
 
@@ -93,11 +93,11 @@ def test_failures_have_a_line_per_reason_and_equal_logs_are_shown_once(results):
     for key in keys[1:]:
         store = ResultStore(results.folder)
         (failed,) = (result for result in read_results(results.folder, {key}))
-        store.write_cells([replace(failed, cause="ValueError", log=("first", "last <b>"))])
+        store.write_fits([replace(failed, cause="ValueError", log=("first", "last <b>"))])
     for key in results.add("tabm", failed=(0, 1)):
         (failed,) = read_results(results.folder, {key})
         reason = {"status": "skipped", "failure": "needs the package pytabkit"}
-        ResultStore(results.folder).write_cells([replace(failed, **reason)])
+        ResultStore(results.folder).write_fits([replace(failed, **reason)])
     part = parts_of(results.folder)["Failed and skipped"]
     assert sorted(part.notes) == [
         "FAILED: bad (2 fits): it broke",

@@ -81,9 +81,9 @@ def test_models_whose_version_was_raised_since_are_named(tmp_path):
 
     def of_versions(**versions):
         for result in read_results(tmp_path):
-            key = result.cell.model
+            key = result.fit.model
             number = versions.get(key.replace("-", "_"), today.get(key, 7))
-            yield replace(result, cell=replace(result.cell, model_version=str(number)))
+            yield replace(result, fit=replace(result.fit, model_version=str(number)))
 
     assert outdated_models(of_versions()) == []
     assert outdated_models(of_versions(ft_mlp=1, mine=1)) == ["ft-mlp"]

@@ -8,7 +8,7 @@ import pytest
 from pydantic import AfterValidator
 
 from helpers.run_requests import planned
-from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.fits import fit_tasks
 from stiff_bench.plan.options import Choice, options_of, parse_settings
 from stiff_models.physics.vjm import VirtualJointModel
 from stiff_models.transfer.ft_mlp import FtMlp
@@ -113,11 +113,11 @@ def test_one_run_can_have_several_variants_of_one_key():
 
 def test_variants_are_cells_of_their_own_with_one_seed():
     plan = planned(models=("vjm", "knn@neighbours=3"), datasets=("kr10-twin@specimen=2",))
-    tasks = list(cell_tasks(plan))
+    tasks = list(fit_tasks(plan))
     names = [(task.presentation.model, task.presentation.dataset) for task in tasks]
     assert names == [(model, "kr10-twin@specimen=2") for model in ("vjm", "knn@neighbours=3")]
-    assert len({task.cell.key for task in tasks}) == 2
-    assert len({task.cell.model_seed for task in tasks}) == 1
+    assert len({task.fit.key for task in tasks}) == 2
+    assert len({task.fit.model_seed for task in tasks}) == 1
 
 
 def test_an_option_that_was_added_later_is_in_no_key_while_it_has_its_default():

@@ -109,7 +109,7 @@ def test_the_newest_of_two_coverages_counts_and_any_before_none(made, coverages)
     for run_id, coverage in zip("12", coverages, strict=True):
         made.add("a", [1.0], run_id=run_id, coverage=coverage)
     (result,) = only(made).results("a")
-    assert result.cell.coverage == (newer or older)
+    assert result.fit.coverage == (newer or older)
 
 
 @pytest.mark.parametrize("newer", ["with intervals", "without"])
@@ -120,6 +120,6 @@ def test_results_with_intervals_have_a_version_of_their_own(made, newer):
     made.add("a", [1.0], run_id=with_intervals, coverage=0.9, interval_version=3)
     made.add("a", [1.0, 1.0], run_id="0", coverage=0.8, interval_version=2)
     task = only(made)
-    assert [result.cell.coverage for result in task.results("a")] == [0.9, None, None]
+    assert [result.fit.coverage for result in task.results("a")] == [0.9, None, None]
     (note,) = left_out_notes([task])
     assert "older results of a with another version" in note

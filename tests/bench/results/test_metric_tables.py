@@ -13,7 +13,7 @@ import pytest
 from stiff_bench.results.columns import metric_tables
 from stiff_bench.tables.table import Quantity, Table
 from stiff_bench.tables.writers import render
-from stiff_protocols.contract.record import CellResult, Cost
+from stiff_protocols.contract.record import Cost, FitResult
 from stiff_protocols.contract.types import Interval, Prediction
 from stiff_protocols.scoring.metrics import metric
 
@@ -31,12 +31,12 @@ def result(task, error_m, *, interval_m=None, reference_m=None, known_m=(), **ch
     known_predictions = {name: measured + wrong for name, wrong in dict(known_m).items()}
     scores = Prediction(rows, measured + error_m, measured, interval, reference, known_predictions)
     fields = {"presentation": task.presentation, "status": "ok", "prediction": scores, "cost": COST}
-    return CellResult(cell=task.cell, run_id="r", **(fields | changes))
+    return FitResult(fit=task.fit, run_id="r", **(fields | changes))
 
 
 def with_intervals(tasks):
     """Return results with 90 % intervals of 0.5 mm that miss the first n rows of split n."""
-    tasks = [replace(task, cell=replace(task.cell, coverage=0.9)) for task in tasks]
+    tasks = [replace(task, fit=replace(task.fit, coverage=0.9)) for task in tasks]
     results = []
     for number, task in enumerate(tasks):
         lower = np.full((len(task.split.test), 3), -1e-4)
@@ -105,7 +105,7 @@ def test_a_failed_or_skipped_model_is_a_row_with_its_reason_and_the_others_stay(
 
 def test_rows_of_different_splits_are_never_in_one_table(tasks_of):
     vjm_tasks, zero_tasks = tasks_of(models=("vjm",)), tasks_of(models=("zero",))
-    moved = [replace(t, cell=replace(t.cell, split_sha256="another")) for t in zero_tasks]
+    moved = [replace(t, fit=replace(t.fit, split_sha256="another")) for t in zero_tasks]
     tables = metric_tables([result(task, 1e-4) for task in [*vjm_tasks, *moved]], METRICS)
     models = [{"vjm", "zero"} & {*facts(table, "model")} for table in tables]
     assert {"zero"} in models and len(models) == 2

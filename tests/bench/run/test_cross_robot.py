@@ -1,4 +1,4 @@
-"""`cross-robot` in the engine: sources of cells, their notes, and refusals."""
+"""`cross-robot` in the engine: sources of fits, their notes, and refusals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from helpers.made_robots import random_chain
 from helpers.run_requests import computed, planned
-from stiff_bench.plan.cells import NO_SOURCE, cell_tasks
+from stiff_bench.plan.fits import NO_SOURCE, fit_tasks
 from stiff_bench.plan.options import chosen_dataset
 from stiff_bench.plan.registry import build_registry
 from stiff_bench.store.names import split_word
@@ -35,12 +35,12 @@ def ur5():
 
 @pytest.fixture()
 def cross_tasks(tasks_of):
-    """A function that lists cells of the FANUC with the UR5 as the foreign source."""
+    """A function that lists fits of the FANUC with the UR5 as the foreign source."""
     return lambda *models: tasks_of(models, "fanuc-r2000ic", "cross-robot@source=ur5-twin", 2)
 
 
 def of_condition(tasks, condition):
-    return [task for task in tasks if task.cell.condition == condition]
+    return [task for task in tasks if task.fit.condition == condition]
 
 
 def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_tasks, ur5):
@@ -48,18 +48,18 @@ def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_ta
     for own_task, foreign_task in zip(
         of_condition(tasks, OWN_SOURCE), of_condition(tasks, FROM_UR5), strict=True
     ):
-        assert own_task.cell.split_sha256 == foreign_task.cell.split_sha256
-        assert own_task.cell.model_seed == foreign_task.cell.model_seed
-        assert own_task.cell.key != foreign_task.cell.key
-        assert own_task.source is None and own_task.cell.source_sha256 == ""
-        assert foreign_task.cell.source_sha256 == ur5.sha256 == foreign_task.source.sha256
-    assert len({task.cell.model_seed for task in tasks}) == 2  # one per split
+        assert own_task.fit.split_sha256 == foreign_task.fit.split_sha256
+        assert own_task.fit.model_seed == foreign_task.fit.model_seed
+        assert own_task.fit.key != foreign_task.fit.key
+        assert own_task.source is None and own_task.fit.source_sha256 == ""
+        assert foreign_task.fit.source_sha256 == ur5.sha256 == foreign_task.source.sha256
+    assert len({task.fit.model_seed for task in tasks}) == 2  # one per split
 
 
 def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_source(cross_tasks):
     pretrained = "mlp-pretrained@width=8@pretrain_steps=3"
     own_task, foreign_task, *_ = (
-        replace(task, cell=replace(task.cell, coverage=0.8)) for task in cross_tasks(pretrained)
+        replace(task, fit=replace(task.fit, coverage=0.8)) for task in cross_tasks(pretrained)
     )
     samples = foreign_task.data.samples
     # every label of the target
@@ -81,7 +81,7 @@ def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_sour
 
 def test_rows_have_the_training_regime_of_their_source(cross_tasks):
     tasks = cross_tasks("vjm", "ft-mlp", "mlp-pretrained")
-    regimes = {(task.cell.model, task.cell.condition): task.presentation.regime for task in tasks}
+    regimes = {(task.fit.model, task.fit.condition): task.presentation.regime for task in tasks}
     assert (
         regimes["vjm", OWN_SOURCE]
         == regimes["ft-mlp", OWN_SOURCE]
@@ -111,7 +111,7 @@ def test_rows_have_the_training_regime_of_their_source(cross_tasks):
 def test_a_source_that_does_not_exist_is_refused_before_any_data_is_loaded(
     word, part, tasks_of, monkeypatch
 ):
-    monkeypatch.setattr("stiff_bench.plan.cells.loaded", lambda _: pytest.fail("loaded"))
+    monkeypatch.setattr("stiff_bench.plan.fits.loaded", lambda _: pytest.fail("loaded"))
     with pytest.raises(ConfigError, match=f"protocol cross-robot@source={word}: source .*{part}"):
         tasks_of(("vjm",), "fanuc-r2000ic", f"cross-robot@source={word}")
 
@@ -154,7 +154,7 @@ def test_a_plugins_split_must_not_name_a_source_that_its_protocol_did_not_announ
     registry.protocols["mine"] = ProtocolInfo(key="mine", target=Theirs, summary="")
     plan = planned(registry, datasets=("fanuc-r2000ic",), protocols=("mine",))
     with pytest.raises(ConfigError, match=r"'mine': a split's source is 'elsewhere'.*valid: none"):
-        next(cell_tasks(plan))
+        next(fit_tasks(plan))
 
 
 def test_a_word_inside_a_word_doubles_the_mark_and_its_name_can_be_typed_again(tasks_of):
@@ -165,6 +165,6 @@ def test_a_word_inside_a_word_doubles_the_mark_and_its_name_can_be_typed_again(t
     )
     task = tasks_of(("vjm",), "fanuc-r2000ic", word)[1]
     assert task.presentation.protocol == word
-    assert task.cell.condition == "source kr10-twin@specimen=3@seed=1"
+    assert task.fit.condition == "source kr10-twin@specimen=3@seed=1"
     choice = chosen_dataset("kr10-twin@specimen=3@seed=1", (), build_registry())
-    assert task.cell.source_sha256 == choice.make().load().sha256
+    assert task.fit.source_sha256 == choice.make().load().sha256

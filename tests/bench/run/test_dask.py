@@ -1,4 +1,4 @@
-"""Cells on a real Dask cluster on this machine: same results, lost cells computed again."""
+"""Fits on a real Dask cluster on this machine: same results, lost fits computed again."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_faults_and_killed_workers_cost_no_other_fit_and_the_rest_are_the_bits_o
             cluster.worker_processes()[0].kill()
         _, message = command.communicate(timeout=250)
     assert not cells_below(cluster)
-    results = {result.cell.model: result for result in read_results(tmp_path / "out")}
+    results = {result.fit.model: result for result in read_results(tmp_path / "out")}
     hostile_models.assert_rows(results, ["vjm", *bad])
     lost_result = results.pop("KillsWorkers")
     assert command.returncode == 1 and "1 killed its workers" in message
@@ -130,7 +130,7 @@ def test_faults_and_killed_workers_cost_no_other_fit_and_the_rest_are_the_bits_o
     local_results = read_results(tmp_path / "here")
     assert len(local_results) == 3
     for local_result in local_results:
-        prediction = results[local_result.cell.model].prediction
+        prediction = results[local_result.fit.model].prediction
         assert prediction.predicted.tobytes() == local_result.prediction.predicted.tobytes()
     (manifest,) = read_manifests(tmp_path / "out")
     assert len(manifest.machines) >= 2 and manifest.environment["dask"] == cluster.address
@@ -149,7 +149,7 @@ def test_an_interrupted_run_leaves_no_cell_running_on_the_cluster(cluster, tmp_p
 
 
 def cells_below(cluster: Cluster) -> list[psutil.Process]:
-    """Return the processes of cells: session leaders below the workers."""
+    """Return the processes of fits: session leaders below the workers."""
     processes = []
     for worker in cluster.worker_processes():
         with suppress(psutil.NoSuchProcess, ProcessLookupError):  # ended since it was listed

@@ -1,4 +1,4 @@
-"""Cells in separate processes, here and on Dask: a faulty model loses only its row."""
+"""Fits in separate processes, here and on Dask: a faulty model loses only its row."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from helpers import hostile_models
 from helpers.command_line import bench, bench_here, started, wait_until
 from helpers.quick_models import KEYS
 from helpers.run_requests import planned
-from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.fits import fit_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.execution import compute_fit
 from stiff_bench.run.fit_process import Limits
 from stiff_bench.run.isolate import SERVER_ENDED, LocalProcesses
 from stiff_bench.store.database import FILE, read_manifests, read_results
@@ -41,12 +41,12 @@ class RecordingDisplay:
 
 @pytest.fixture()
 def computed():
-    """A function that computes a plan's cells in separate processes."""
+    """A function that computes a plan's fits in separate processes."""
 
     def compute(*models, jobs=1, display=None, **plan):
         registry = build_registry()
         registry.add(hostile_models.MODELS, "a third party's")
-        tasks = list(cell_tasks(planned(registry, models=models, **plan)))
+        tasks = list(fit_tasks(planned(registry, models=models, **plan)))
         how = LocalProcesses(at_once=jobs, limits=Limits())
         return tasks, how.results(iter(tasks), "r", display or RecordingDisplay())
 
@@ -71,12 +71,12 @@ def test_every_model_of_the_catalogue_runs_in_a_process_as_it_does_in_this_one(
     settings = tuple(f"{key}.{name}={value}" for key in keys for name, value in quick[key])
     options = {"settings": settings, "datasets": ("fanuc-r2000ic",), "splits": 1, "jobs": 2}
     tasks, results = computed(*keys, **options)
-    results_by_model = {result.cell.model: result for result in results}
+    results_by_model = {result.fit.model: result for result in results}
     outcomes = {key: (result.status, result.failure) for key, result in results_by_model.items()}
     assert outcomes == dict.fromkeys(keys, ("ok", ""))
     for task in tasks:
-        if task.cell.model in ("vjm", "knn", "mlp", "sklearn:ensemble.RandomForestRegressor"):
-            here, there = compute_cell(task, "r"), results_by_model[task.cell.model]
+        if task.fit.model in ("vjm", "knn", "mlp", "sklearn:ensemble.RandomForestRegressor"):
+            here, there = compute_fit(task, "r"), results_by_model[task.fit.model]
             assert there.prediction.predicted.tobytes() == here.prediction.predicted.tobytes()
 
 
@@ -106,7 +106,7 @@ def test_a_fit_that_ends_the_server_of_all_fits_loses_only_its_row(computed):
     seen, models = RecordingDisplay(), ("Good", "KillsTheServer", "KillsTheGroup")
     settings = ("Good.seconds=1",)
     results = [*computed(*models, settings=settings, splits=1, jobs=3, display=seen)[1]]
-    statuses = {result.cell.model: (result.status, result.cause) for result in results}
+    statuses = {result.fit.model: (result.status, result.cause) for result in results}
     assert statuses == {
         "Good": ("ok", ""),
         **dict.fromkeys(models[1:], ("failed", SERVER_ENDED)),
@@ -122,7 +122,7 @@ def test_what_a_model_does_becomes_its_own_row_and_no_process_stays(tmp_path):
     done = bench(*words, cwd=tmp_path)
     folders = [process.info["cwd"] for process in psutil.process_iter(["cwd"])]
     assert str(tmp_path) not in folders
-    results = {result.cell.model: result for result in read_results(tmp_path / "out")}
+    results = {result.fit.model: result for result in read_results(tmp_path / "out")}
     hostile_models.assert_rows(results, hostile_models.ROWS)
     last = done.stderr.strip().splitlines()[-1]
     assert done.returncode == 1 and last.startswith("bench: 4 ok, 11 failed (3 timed out, 2 out of")
@@ -156,8 +156,8 @@ def test_a_plugin_that_changes_during_a_run_gives_no_result_under_the_old_key(tm
     )
     words = ["run", "--plugin", str(plugin), "--model", "Good", "--splits", "2", "--output", "out"]
     done = bench(*words, cwd=tmp_path)
-    of_good = [result for result in read_results(tmp_path / "out") if result.cell.model == "Good"]
-    first, second = sorted(of_good, key=lambda result: result.cell.split_index)
+    of_good = [result for result in read_results(tmp_path / "out") if result.fit.model == "Good"]
+    first, second = sorted(of_good, key=lambda result: result.fit.split_index)
     assert done.returncode == 1
     assert (first.status, second.status, second.cause) == ("ok", "failed", "other code")
 

@@ -47,7 +47,7 @@ def tasks(tasks_of):
 
 
 def given(task):
-    """Return the poses in the training, validation and test part of a cell."""
+    """Return the poses in the training, validation and test part of a fit."""
     SEEN.clear()
     computed(with_model(task, Witness))
     ((train, validation),) = SEEN
@@ -87,10 +87,10 @@ def test_under_the_papers_protocol_test_rows_choose_an_epoch_and_nothing_else(ta
 
 
 def as_it_is_and_with_other_test_deflections(task, options, compute_spoiled):
-    """Compute a cell twice with these options of its model, and return both predictions."""
+    """Compute a fit twice with these options of its model, and return both predictions."""
     model = replace(task.model, params=options)
     choosing = getattr(model.make(), "chooses_epoch", lambda: task.chooses_epoch)()
-    task = replace(task, cell=replace(task.cell, coverage=0.8), model=model, chooses_epoch=choosing)
+    task = replace(task, fit=replace(task.fit, coverage=0.8), model=model, chooses_epoch=choosing)
     second = compute_spoiled(with_other_test_deflections(task)).prediction
     first = computed(task).prediction
     assert (first.measured != second.measured).all()
@@ -165,7 +165,7 @@ def test_an_ensembles_noise_is_not_that_of_the_papers_test_rows_that_choose_its_
 @pytest.mark.parametrize("protocol", FAIR)
 def test_no_fair_protocol_lets_a_test_deflection_be_read_early(protocol, tasks_of):
     tasks = tasks_of(("knn", "mlp@width=4@epochs=1"), protocol=protocol)
-    for task in {(task.cell.model, task.cell.condition): task for task in tasks}.values():
+    for task in {(task.fit.model, task.fit.condition): task for task in tasks}.values():
         result = computed_under_seal(task)
         truth = task.data.samples.deflection[task.split.test]
         np.testing.assert_array_equal(result.prediction.measured, truth)
@@ -230,7 +230,7 @@ def peek(key):
     [
         (SIDE, lambda samples, *_, **__: (all_of(samples), None), r"read before .*\.fit"),
         (SIDE, lambda samples, *_, **__: (samples, None), "read during fit"),
-        ("stiff_bench.run.cell.model_info", peek, r"read before .*\.fit"),
+        ("stiff_bench.run.execution.model_info", peek, r"read before .*\.fit"),
     ],
     ids=["all rows are taken", "all data are handed over", "a look before the reference's fit"],
 )
@@ -269,8 +269,8 @@ def test_both_readings_of_the_papers_protocol_are_of_the_same_fit(tasks):
         tested, read = (
             computed(task) for word in ("paper-holdout", READ_ON_ALL) for task in tasks(model, word)
         )
-        assert tested.cell.model_seed == read.cell.model_seed
-        assert tested.cell.key != read.cell.key
+        assert tested.fit.model_seed == read.fit.model_seed
+        assert tested.fit.key != read.fit.key
         assert tested.n_train == read.n_train == 34
         np.testing.assert_array_equal(read.prediction.rows, np.arange(43))
         rows = tested.prediction.rows

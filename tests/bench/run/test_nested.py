@@ -9,7 +9,7 @@ import pytest
 
 from helpers.run_requests import computed, planned
 from helpers.sealed_samples import with_other_test_deflections
-from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.fits import fit_tasks
 from stiff_models.model_catalog import MODELS
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.plugin import Range
@@ -25,7 +25,7 @@ def tasks(*models, protocol="nested", splits=1, coverage=False, settings=()):
         settings=settings,
         coverage=0.8 if coverage else None,
     )
-    return list(cell_tasks(plan))
+    return list(fit_tasks(plan))
 
 
 def grids(tasks_of_models):
@@ -100,7 +100,7 @@ def test_every_named_grid_of_the_catalogue_fits_its_model():
 @pytest.mark.slow
 def test_a_cells_key_depends_on_the_candidates_and_not_only_on_the_files_name(grid_file):
     keys = {
-        tasks("knn", protocol=grid_file(f"[knn]\nneighbours = {values}", search=search))[0].cell.key
+        tasks("knn", protocol=grid_file(f"[knn]\nneighbours = {values}", search=search))[0].fit.key
         for values, search in [
             ("[1, 2]", "grid"),
             ("[1, 3]", "grid"),
@@ -109,7 +109,7 @@ def test_a_cells_key_depends_on_the_candidates_and_not_only_on_the_files_name(gr
         ]
     }
     assert len(keys) == 4
-    assert tasks("knn")[0].cell.model_params["neighbours"] == ["1", "3", "5", "10"]
+    assert tasks("knn")[0].fit.model_params["neighbours"] == ["1", "3", "5", "10"]
 
 
 def test_values_of_a_file_get_their_options_types(grid_file):
@@ -159,7 +159,7 @@ def test_values_of_a_file_get_their_options_types(grid_file):
     ],
 )
 def test_a_wrong_file_is_refused_before_anything_is_loaded(text, parts, grid_file, monkeypatch):
-    monkeypatch.setattr("stiff_bench.plan.cells.loaded", lambda _: pytest.fail("data were loaded"))
+    monkeypatch.setattr("stiff_bench.plan.fits.loaded", lambda _: pytest.fail("data were loaded"))
     with pytest.raises(ConfigError) as raised:
         tasks("ft-mlp", "knn", protocol=grid_file(text))
     message = str(raised.value)

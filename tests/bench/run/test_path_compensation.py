@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from helpers.run_requests import computed, planned, with_model
-from stiff_bench.plan.cells import cell_tasks, made_model
+from stiff_bench.plan.fits import fit_tasks, made_model
 from stiff_bench.results.columns import metric_tables
 from stiff_bench.results.load import StoredResults, newest_tasks
 from stiff_bench.results.notes import same_name_other_data
-from stiff_bench.run.cell import Execution, fit_input
+from stiff_bench.run.execution import Execution, fit_input
 from stiff_bench.run.fit import fit_and_predict
-from stiff_bench.run.runner import run_cells
+from stiff_bench.run.runner import run_fits
 from stiff_bench.store.database import ResultStore, read_data
 from stiff_protocols.contract.record import PATH_ERROR
 from stiff_protocols.splits.path_compensation import PathCompensation
@@ -40,7 +40,7 @@ class Witness:
 
 
 def listed(models=("vjm",), protocols=(PATHS,), splits=2):
-    return list(cell_tasks(planned(models=models, protocols=protocols, metrics=(), splits=splits)))
+    return list(fit_tasks(planned(models=models, protocols=protocols, metrics=(), splits=splits)))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def tasks():
 def stored(tasks, tmp_path_factory):
     folder = tmp_path_factory.mktemp("paths")
     every = [*tasks, *listed(("vjm", "zero"), ("holdout",))]
-    done = run_cells(every, "bench run", ResultStore(folder), Execution())
+    done = run_fits(every, "bench run", ResultStore(folder), Execution())
     return folder, done.results
 
 
@@ -67,7 +67,7 @@ def stored_tasks(stored):
 
 
 def witnessed(task):
-    """Return the inputs of a model in a cell."""
+    """Return the inputs of a model in a fit."""
     SEEN.clear()
     computed(with_model(task, Witness))
     return SEEN
@@ -85,7 +85,7 @@ def test_no_model_is_given_the_robot_that_answers(tasks):
 @pytest.mark.slow
 def test_a_model_of_another_point_corrects_paths_for_the_tcp_with_intervals_there():
     (task,) = listed(("vjm@tcp=fit",), splits=1)
-    given = fit_input(replace(task, cell=replace(task.cell, coverage=0.9)))
+    given = fit_input(replace(task, fit=replace(task.fit, coverage=0.9)))
     fitted = fit_and_predict(task.model, given).fitted
     model = task.model.make().fit(given.train, robot=given.robot)
     at_tcp = PathCompensation().commanded(model.predict_at_tcp, given.robot, given.q, given.wrench)
@@ -142,7 +142,7 @@ def test_holdout_with_paths_has_the_fits_and_errors_of_holdout():
     for result, plain in zip(with_paths, without, strict=True):
         np.testing.assert_array_equal(result.prediction.predicted, plain.prediction.predicted)
         assert not result.presentation.measured_sha256
-        assert result.cell.data_sha256 == plain.cell.data_sha256
+        assert result.fit.data_sha256 == plain.fit.data_sha256
 
 
 @pytest.mark.slow
@@ -161,6 +161,6 @@ def test_a_measured_robot_has_no_paths_with_holdout():
     plan = planned(
         models=("vjm",), datasets=("fanuc-r2000ic",), protocols=("holdout-paths",), splits=1
     )
-    (task,) = cell_tasks(plan)
+    (task,) = fit_tasks(plan)
     result = computed(task)
     assert result.status == "ok" and PATH_ERROR not in result.diagnostics

@@ -8,11 +8,11 @@ from stiff_bench.run.progress import display
 from stiff_protocols.contract.progress import Progress, report
 
 
-def cell(model, **result):
-    """Return a stub of a cell and its result."""
+def fit(model, **result):
+    """Return a stub of a fit and its result."""
     presentation = SimpleNamespace(model=model, dataset="data", protocol="holdout")
     identity = SimpleNamespace(condition="", split_index=0)
-    about = {"status": "ok", "presentation": presentation, "cell": identity, "n_splits": 1}
+    about = {"status": "ok", "presentation": presentation, "fit": identity, "n_splits": 1}
     return SimpleNamespace(**about | result)
 
 
@@ -22,10 +22,10 @@ def test_lines_off_a_terminal_have_the_newest_fit_its_phase_and_what_became_of_t
     monkeypatch.setattr("stiff_bench.run.progress.SECONDS_BETWEEN_LINES", 0.0)
     with display() as run_display:
         run_display.begin(2, 2)
-        run_display.start(cell("quick"))
+        run_display.start(fit("quick"))
         run_display.step(Progress("training", 1, 2, 0.5))
-        run_display.end(cell("quick"))
-        run_display.end(cell("bad", status="failed", failure="why\x1b", log=("last",)))
+        run_display.end(fit("quick"))
+        run_display.end(fit("bad", status="failed", failure="why\x1b", log=("last",)))
     out, err = capsys.readouterr()
     lines = err.splitlines()
     assert out == "" and lines[0].startswith("fits: 0/2 [") and "2 cached]" in lines[1]

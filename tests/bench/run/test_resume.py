@@ -17,7 +17,7 @@ from helpers.made_results import damage
 from helpers.run_requests import planned
 from stiff_bench.api.evaluation import Run
 from stiff_bench.results.load import StoredResults
-from stiff_bench.run.cell import Execution
+from stiff_bench.run.execution import Execution
 from stiff_bench.store.database import (
     FILE,
     read_manifests,
@@ -57,9 +57,9 @@ def summary_of(message: str) -> str:
 
 
 def bytes_of_results(folder: Path) -> dict[str, bytes]:
-    """Return each cell's prediction by key; every key must be unique."""
+    """Return each fit's prediction by key; every key must be unique."""
     results = list(read_results(folder))
-    predictions = {result.cell.key: result.prediction.predicted.tobytes() for result in results}
+    predictions = {result.fit.key: result.prediction.predicted.tobytes() for result in results}
     assert len(predictions) == len(results)
     return predictions
 
@@ -68,14 +68,14 @@ def bytes_of_results(folder: Path) -> dict[str, bytes]:
 def test_the_same_command_again_computes_nothing_and_prints_the_same_table(run, tmp_path):
     _, first, message = run()
     assert summary_of(message) == "6 ok"
-    before = rows_of_cells(tmp_path)
+    before = rows_of_fits(tmp_path)
     status, again, message = run()
     assert (status, summary_of(message)) == (0, "6 cached")
     assert again == first
-    assert rows_of_cells(tmp_path) == before
+    assert rows_of_fits(tmp_path) == before
 
 
-def rows_of_cells(folder: Path) -> list[tuple[object, ...]]:
+def rows_of_fits(folder: Path) -> list[tuple[object, ...]]:
     with reading(folder) as db:
         return db.execute("SELECT * FROM cell ORDER BY key").fetchall()
 
@@ -96,7 +96,7 @@ def test_a_corrupt_row_is_an_error_and_all_is_computed_again_on_request(run, tmp
     results_before = bytes_of_results(tmp_path)
     key = sorted(results_before)[2]
     damage(tmp_path, key)
-    with pytest.raises(StoreError, match=f"corrupt: cell {key}: .*--rerun all: bench run"):
+    with pytest.raises(StoreError, match=f"corrupt: fit {key}: .*--rerun all: bench run"):
         run()
     assert summary_of(run("all")[2]) == "6 ok"
     assert bytes_of_results(tmp_path) == results_before
@@ -170,7 +170,7 @@ def test_a_run_that_is_stopped_at_any_moment_goes_on_with_what_is_missing(
     assert family and not psutil.wait_procs(family, timeout=20)[1]
     stored = n_stored(tmp_path / "out")
     assert 0 < stored < N_CELLS
-    assert {*stored_statuses(tmp_path / "out").values()} == {"ok"}  # no cell failed
+    assert {*stored_statuses(tmp_path / "out").values()} == {"ok"}  # no fit failed
     (manifest,) = read_manifests(tmp_path / "out")
     caught = number in (signal.SIGINT, signal.SIGTERM)
     assert command.returncode == (128 + number if caught else -number) and printed == ""

@@ -1,4 +1,4 @@
-"""One cell: intervals, units, unavailable models, and shared seeds."""
+"""One fit: intervals, units, unavailable models, and shared seeds."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from sklearn.base import BaseEstimator
 
 from helpers.broken_models import Converts, Springs, broken, predicting
 from helpers.run_requests import computed, planned, with_model
-from stiff_bench.plan.cells import cell_tasks
+from stiff_bench.plan.fits import fit_tasks
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.execution import compute_fit
 from stiff_bench.run.fit import CURVE_POINTS
 from stiff_bench.store.database import ResultStore
 from stiff_models.physics.vjm import VirtualJointModel
@@ -57,11 +57,11 @@ class Sure(Scaled):
 
 @pytest.fixture()
 def task_of(tasks_of):
-    """A function that returns a FANUC cell with a given model class."""
+    """A function that returns a FANUC fit with a given model class."""
 
     def make(cls, coverage=None, protocol="holdout", model="vjm", **params):
         task = tasks_of((model,), "fanuc-r2000ic", protocol)[0]
-        task = replace(task, cell=replace(task.cell, coverage=coverage))
+        task = replace(task, fit=replace(task.fit, coverage=coverage))
         return with_model(task, cls, **params)
 
     FITS.clear()
@@ -126,7 +126,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("words", CHANGES)
 def test_predictions_that_bench_check_refuses_fail_in_a_run_too(task_of, words):
-    result = compute_cell(task_of(predicting("Odd", CHANGES[words])), "r")
+    result = compute_fit(task_of(predicting("Odd", CHANGES[words])), "r")
     assert result.status == "failed" and words in result.failure
 
 
@@ -134,8 +134,8 @@ def test_a_model_that_fit_does_not_return_or_whose_option_changes_fails_in_a_run
     silent = broken(
         "Silent", fit=lambda self, train, **options: Springs.fit(self, train, **options) and None
     )
-    assert "return self" in compute_cell(task_of(silent), "r").failure
-    result = compute_cell(task_of(Converts, scale=2), "r")
+    assert "return self" in compute_fit(task_of(silent), "r").failure
+    result = compute_fit(task_of(Converts, scale=2), "r")
     assert result.status == "failed" and "scale from 2 to 2.0" in result.failure
 
 
@@ -189,7 +189,7 @@ def test_a_long_curve_is_thinned_to_points_of_its_own_with_both_ends(task_of):
 
 @pytest.mark.parametrize(("factor", "part"), [(1e3, "are these mm?"), (1e-3, "times smaller")])
 def test_a_model_a_thousand_times_off_fails_and_is_told_the_unit(task_of, factor, part):
-    result = compute_cell(task_of(Scaled, factor=factor), "r")
+    result = compute_fit(task_of(Scaled, factor=factor), "r")
     assert result.status == "failed" and part in result.failure and "expected m" in result.failure
 
 
@@ -198,7 +198,7 @@ def test_a_model_that_cannot_be_used_here_is_skipped_with_the_reason(task_of, mo
     monkeypatch.setitem(sys.modules, "my_weights", absent)
     task = task_of(Scaled)
     info = replace(task.model.info, missing_because="my_weights:reason")
-    result = compute_cell(replace(task, model=replace(task.model, info=info)), "r")
+    result = compute_fit(replace(task, model=replace(task.model, info=info)), "r")
     assert result.status == "skipped" and result.failure == "no weights here"
     assert result.prediction is None and not FITS
 
@@ -262,7 +262,7 @@ def test_what_a_model_prints_goes_to_standard_error(task_of, capfd):
 
 
 def tasks_under(splits):
-    """Return the cells of a third-party protocol with these splits."""
+    """Return the fits of a third-party protocol with these splits."""
 
     class ThirdPartyProtocol:
         selects_on_test = pooled = False
@@ -272,7 +272,7 @@ def tasks_under(splits):
 
     registry = build_registry()
     registry.protocols["theirs"] = ProtocolInfo(key="theirs", target=ThirdPartyProtocol, summary="")
-    return list(cell_tasks(plan(protocol="theirs", registry=registry)))
+    return list(fit_tasks(plan(protocol="theirs", registry=registry)))
 
 
 def a_split(train, test):
@@ -304,14 +304,14 @@ def test_an_interval_that_is_none_is_a_failure(task_of, answer, part):
         def predict_interval(self, q, wrench, coverage):
             return answer
 
-    result = compute_cell(task_of(Odd, 0.9), "r")
+    result = compute_fit(task_of(Odd, 0.9), "r")
     assert (result.status, result.cause) == ("failed", "ModelError")
     assert part in result.failure
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((5, 2)), "none", [[1, 2, 3], [1]]])
 def test_an_invalid_curve_fails_the_cell_and_is_named(task_of, wrong):
-    result = compute_cell(task_of(Curved, curve=wrong), "r")
+    result = compute_fit(task_of(Curved, curve=wrong), "r")
     assert (result.status, result.cause) == ("failed", "ModelError")
     assert result.failure.startswith("curves_['training'] is not an (n, 3) array")
 
@@ -320,5 +320,5 @@ def test_an_option_that_is_infinite_can_be_stored(tasks_of, tmp_path):
     key = "sklearn:linear_model.RANSACRegressor"  # stop_score=inf
     task = tasks_of((key,), "fanuc-r2000ic")[0]
     store = ResultStore(tmp_path)
-    store.write_cells([computed(task)])
-    assert store.result(task.cell.key).cell.model_params["stop_score"] == "inf"
+    store.write_fits([computed(task)])
+    assert store.result(task.fit.key).fit.model_params["stop_score"] == "inf"

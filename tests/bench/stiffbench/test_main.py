@@ -27,9 +27,9 @@ def test_a_run_prints_one_table_and_stores_every_cell(tmp_path):
     assert manifest.status == "finished" and len(manifest.cells) == 4
     assert manifest.command.startswith("bench run --model vjm")
     assert manifest.environment["numpy"] and manifest.peak_memory_bytes > 0
-    cells = [store.result(key) for key in manifest.cells]
-    assert {cell.cell.model for cell in cells} == {"vjm", "knn"}
-    assert all(cell.prediction is not None and cell.run_id == manifest.run_id for cell in cells)
+    fits = [store.result(key) for key in manifest.cells]
+    assert {fit.fit.model for fit in fits} == {"vjm", "knn"}
+    assert all(fit.prediction is not None and fit.run_id == manifest.run_id for fit in fits)
 
 
 def test_the_reference_model_is_stored_once_with_the_requested_models(tmp_path):

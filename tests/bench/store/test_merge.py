@@ -28,8 +28,8 @@ def folder_of(path, model, errors_mm=(0.1, 0.2), *, run_id=EARLY, **how):
 def contents(folder):
     """Return every result of a folder by key, in comparable parts."""
     return {
-        (result.cell.key, result.status): (
-            *(result.cell, result.presentation, result.run_id),
+        (result.fit.key, result.status): (
+            *(result.fit, result.presentation, result.run_id),
             result.prediction and result.prediction.predicted.tobytes(),
         )
         for result in read_results(folder)
@@ -51,7 +51,7 @@ def test_cells_runs_and_data_of_all_folders_are_in_the_new_one_and_the_folders_s
     assert [files_of(folder) for folder in two] == before
     assert contents(tmp_path / "c") == contents(two[0]) | contents(two[1])
     assert {run.run_id for run in read_manifests(tmp_path / "c")} == {EARLY, LATE}
-    assert (merged.n_cells, merged.n_there) == (4, 0)
+    assert (merged.n_fits, merged.n_there) == (4, 0)
     assert merged.taken == {two[0]: (2, 2), two[1]: (2, 2)}
     (task,) = StoredResults.read(tmp_path / "c").tasks
     assert set(task.models) == {"knn", "vjm"}
@@ -101,7 +101,7 @@ def test_different_numbers_of_one_cell_are_refused_and_rounding_is_none(tmp_path
 def test_other_data_or_splits_under_one_name_are_other_cells_and_stay_apart(tmp_path, how):
     first = folder_of(tmp_path / "a", "vjm")
     second = folder_of(tmp_path / "b", "vjm", run_id=LATE, **how)
-    assert merge([first, second], tmp_path / "c").n_cells == 4
+    assert merge([first, second], tmp_path / "c").n_fits == 4
     of_tasks = [task.results("vjm") for task in StoredResults.read(tmp_path / "c").tasks]
     assert len(of_tasks) == (2 if "version" in how else 1) and len(of_tasks[-1]) == 2
 
@@ -133,7 +133,7 @@ def test_the_command_counts_what_it_took_and_refuses_a_corrupt_folder(two, tmp_p
     done = bench_here("merge", "a", "b", "--output", "c", cwd=tmp_path)
     assert done.returncode == 0 and "a: 2 of 2 results taken" in done.stdout
     assert "4 results in c, 0 from before" in done.stdout
-    damage(two[0], read_results(two[0])[0].cell.key)
+    damage(two[0], read_results(two[0])[0].fit.key)
     done = bench_here("merge", "a", "b", "--output", "d", cwd=tmp_path)
-    assert done.returncode == 2 and "a/results.sqlite: corrupt: cell " in done.stderr
+    assert done.returncode == 2 and "a/results.sqlite: corrupt: fit " in done.stderr
     assert not (tmp_path / "d").exists()

@@ -21,7 +21,7 @@ import pytest
 
 from helpers.compared_results import made_data
 from helpers.made_results import MadeResults, change
-from helpers.stored_cells import CELL, MANIFEST, failure, result
+from helpers.stored_fits import FIT, MANIFEST, failure, result
 from stiff_bench.store.database import (
     FILE,
     FORMAT,
@@ -40,11 +40,11 @@ from stiff_bench.store.names import Variant, without_options
 from stiff_bench.store.samples import what_differs
 from stiff_datasets.robots.shipped_robots import shipped_robot, shipped_robots
 from stiff_protocols.contract.errors import DataError, StoreError
-from stiff_protocols.contract.record import CellResult
+from stiff_protocols.contract.record import FitResult
 from stiff_protocols.contract.types import BenchmarkData, Interval, Prediction
 
 
-def only(folder: Path) -> CellResult:
+def only(folder: Path) -> FitResult:
     (stored_result,) = read_results(folder)
     return stored_result
 
@@ -60,22 +60,22 @@ CURVES = {"none": np.empty((0, 3)), "fit": np.array([[1.0, 0.1, math.nan], [2.0,
     [
         result(curves=CURVES, chosen={"a": "1"}, log=("line",), n_train=3, n_splits=2),
         result(
-            cell=replace(CELL, coverage=0.9, interval_version=3),
+            fit=replace(FIT, coverage=0.9, interval_version=3),
             prediction=Prediction(
                 np.array([4]), NUMBERS, NUMBERS, INTERVAL, bound_deflections=BOUNDS
             ),
             calibration_samples=11,
         ),
-        result(cell=replace(CELL, coverage=0.9)),  # too few training rows for intervals
+        result(fit=replace(FIT, coverage=0.9)),  # too few training rows for intervals
         failure(cause="KeyError"),
     ],
     ids=["curves", "intervals", "no intervals", "failure"],
 )
 def test_a_cell_comes_back_as_it_was_written_to_the_last_bit(tmp_path, written):
-    ResultStore(tmp_path).write_cells([written])
+    ResultStore(tmp_path).write_fits([written])
     back = only(tmp_path)
     np.testing.assert_equal(asdict(back), asdict(written))
-    assert back.cell.key == written.cell.key
+    assert back.fit.key == written.fit.key
     if back.prediction is not None:
         with pytest.raises(ValueError, match="read-only"):
             back.prediction.predicted[0] = 0.0
@@ -125,14 +125,14 @@ def test_a_note_names_in_what_data_of_one_name_differ():
 
 
 def test_results_are_read_in_the_order_of_keys_failures_too_or_some_by_their_keys(tmp_path):
-    cells = [replace(CELL, split_index=index) for index in range(5)]
-    ResultStore(tmp_path).write_cells(result(cell=cell) for cell in cells)
-    ResultStore(tmp_path).write_cells([failure(cell=replace(CELL, split_index=9))])
-    failures = {entry.cell.key: entry.failure for entry in read_results(tmp_path)}
+    fits = [replace(FIT, split_index=index) for index in range(5)]
+    ResultStore(tmp_path).write_fits(result(fit=fit) for fit in fits)
+    ResultStore(tmp_path).write_fits([failure(fit=replace(FIT, split_index=9))])
+    failures = {entry.fit.key: entry.failure for entry in read_results(tmp_path)}
     assert list(failures) == sorted(failures) and len(failures) == 6
     assert [text for text in failures.values() if text] == ["it broke"]
-    selected_results = read_results(tmp_path, [cells[1].key, cells[3].key, "none"])
-    assert {entry.cell.key for entry in selected_results} == {cells[1].key, cells[3].key}
+    selected_results = read_results(tmp_path, [fits[1].key, fits[3].key, "none"])
+    assert {entry.fit.key for entry in selected_results} == {fits[1].key, fits[3].key}
     assert read_results(tmp_path, []) == []
 
 
@@ -148,7 +148,7 @@ def test_a_folder_without_a_file_or_whose_tables_are_still_to_be_made_holds_noth
     with pytest.raises(StoreError, match="holds no data set"):
         read_data(tmp_path, "00")
     assert [path.name for path in tmp_path.iterdir()] == [FILE] * there
-    ResultStore(tmp_path).write_cells([result()])
+    ResultStore(tmp_path).write_fits([result()])
     assert only(tmp_path).status == "ok"
 
 
@@ -165,8 +165,8 @@ def test_what_was_changed_is_named_with_the_command_that_computes_it_again(
     tmp_path, fanuc, change_to
 ):
     store = ResultStore(tmp_path)
-    store.write_cells([result()])
-    manifest = replace(MANIFEST, cells=(CELL.key,))
+    store.write_fits([result()])
+    manifest = replace(MANIFEST, cells=(FIT.key,))
     store.write_manifest(manifest)
     store.write_data(fanuc)
     assert read_manifests(tmp_path) == [manifest]
@@ -180,7 +180,7 @@ def test_what_was_changed_is_named_with_the_command_that_computes_it_again(
 )
 def test_a_file_that_sqlite_cannot_read_is_named_with_what_to_do(tmp_path, rubbish):
     store = ResultStore(tmp_path)
-    store.write_cells(result(cell=replace(CELL, split_index=index)) for index in range(50))
+    store.write_fits(result(fit=replace(FIT, split_index=index)) for index in range(50))
     content = (tmp_path / FILE).read_bytes()
     half = len(content) // 2
     torn = {
@@ -194,14 +194,14 @@ def test_a_file_that_sqlite_cannot_read_is_named_with_what_to_do(tmp_path, rubbi
 
 def test_a_write_that_fails_leaves_what_was_there_and_no_folder_is_made_in_a_file(tmp_path):
     store = ResultStore(tmp_path)
-    store.write_cells([result()])
+    store.write_fits([result()])
 
     def breaks():
         yield result(warnings=())
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        store.write_cells(breaks())
+        store.write_fits(breaks())
     assert only(tmp_path).warnings == ("careful",)
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
     with pytest.raises(StoreError, match="cannot create"):
@@ -212,12 +212,12 @@ def test_a_write_that_fails_leaves_what_was_there_and_no_folder_is_made_in_a_fil
 def test_the_newest_state_of_a_cell_counts_but_no_failure_replaces_a_result(tmp_path, status):
     store = ResultStore(tmp_path)
     for run_id in ("r1", "r2"):
-        store.write_cells([failure(status=status, run_id=run_id)])
-        assert (only(tmp_path).run_id, store.result(CELL.key)) == (run_id, None)
+        store.write_fits([failure(status=status, run_id=run_id)])
+        assert (only(tmp_path).run_id, store.result(FIT.key)) == (run_id, None)
     for run_id in ("r1", "r2"):
-        store.write_cells([result(run_id=run_id)])
-        store.write_cells([failure(status=status, run_id="r3")])
-        assert only(tmp_path).run_id == store.result(CELL.key).run_id == run_id
+        store.write_fits([result(run_id=run_id)])
+        store.write_fits([failure(status=status, run_id="r3")])
+        assert only(tmp_path).run_id == store.result(FIT.key).run_id == run_id
 
 
 @pytest.mark.slow
@@ -228,7 +228,7 @@ def test_one_bit_anywhere_in_the_file_is_found_or_changes_nothing(tmp_path):
 
     def content(folder):
         return {
-            (r.cell.key, r.run_id, r.prediction.predicted.tobytes()) for r in read_results(folder)
+            (r.fit.key, r.run_id, r.prediction.predicted.tobytes()) for r in read_results(folder)
         }
 
     before, raw = content(made.folder), (made.folder / FILE).read_bytes()
@@ -250,11 +250,11 @@ import sys
 from pathlib import Path
 from dataclasses import replace
 sys.path[:0] = [{str(Path(__file__).parents[2])!r}]
-from helpers.stored_cells import CELL, result
+from helpers.stored_fits import FIT, result
 from stiff_bench.store.database import ResultStore
 store = ResultStore(Path(sys.argv[1]))
 for index in range(100_000):
-    store.write_cells([result(cell=replace(CELL, split_index=index))])
+    store.write_fits([result(fit=replace(FIT, split_index=index))])
     print(index, flush=True)
 """
 
@@ -270,9 +270,7 @@ def test_a_writer_that_is_killed_at_any_moment_loses_nothing_that_it_had_stored(
             time.sleep(rng.uniform(0.0, 0.1))
             writer.send_signal(signal.SIGKILL)
             printed = {0, *(int(line) for line in writer.stdout.read().split("\n") if line)}
-        assert {entry.cell.split_index for entry in read_results(folder)} >= printed - {
-            max(printed)
-        }
+        assert {entry.fit.split_index for entry in read_results(folder)} >= printed - {max(printed)}
         with closing(sqlite3.connect(folder / FILE)) as db:
             assert db.execute("PRAGMA quick_check").fetchone() == ("ok",)
 
@@ -291,7 +289,7 @@ def test_another_process_that_holds_the_file_too_long_is_named(tmp_path, monkeyp
         writing(tmp_path),
         pytest.raises(StoreError, match=r"locked.*network file systems"),
     ):
-        ResultStore(tmp_path).write_cells([result()])
+        ResultStore(tmp_path).write_fits([result()])
 
 
 def packed(folder: Path) -> Path:
@@ -307,8 +305,8 @@ def test_packed_results_are_read_and_written_to_as_others(tmp_path):
     made.add("vjm", [0.1, 0.2])
     before = read_results(tmp_path)
     packed(tmp_path)
-    assert [entry.cell.key for entry in read_results(tmp_path)] == [
-        entry.cell.key for entry in before
+    assert [entry.fit.key for entry in read_results(tmp_path)] == [
+        entry.fit.key for entry in before
     ]
     (tmp_path / FILE).unlink()
     MadeResults(tmp_path).add("knn", [0.3])
@@ -345,7 +343,7 @@ ADDED = {
 
 @pytest.mark.parametrize("kind", ADDED)
 def test_a_file_with_more_or_less_than_our_tables_is_refused_and_nothing_of_it_runs(kind, tmp_path):
-    ResultStore(tmp_path).write_cells([result()])
+    ResultStore(tmp_path).write_fits([result()])
     change(tmp_path, ADDED[kind])
     before = (tmp_path / FILE).read_bytes()
     for attempt in (read_results, read_manifests, stored_statuses, mean_seconds, ResultStore):
@@ -355,7 +353,7 @@ def test_a_file_with_more_or_less_than_our_tables_is_refused_and_nothing_of_it_r
 
 
 def forge(folder: Path, **columns: object) -> None:
-    """Replace columns of every cell, with the checksum of the new row."""
+    """Replace columns of every fit, with the checksum of the new row."""
     with closing(sqlite3.connect(folder / FILE)) as db, db:
         db.row_factory = sqlite3.Row
         for row in db.execute("SELECT * FROM cell").fetchall():
@@ -403,11 +401,11 @@ FORGED = {
 
 @pytest.mark.parametrize("kind", FORGED)
 def test_a_crafted_cell_with_a_right_checksum_is_named_with_its_file(kind, tmp_path):
-    ResultStore(tmp_path).write_cells([result()])
+    ResultStore(tmp_path).write_fits([result()])
     forge(tmp_path)
     assert only(tmp_path).status == "ok"
     forge(tmp_path, **FORGED[kind])
-    with pytest.raises(StoreError, match=f"{FILE}: corrupt: cell ({CELL.key}|other): ") as caught:
+    with pytest.raises(StoreError, match=f"{FILE}: corrupt: fit ({FIT.key}|other): ") as caught:
         read_results(tmp_path)
     assert len(str(caught.value)) < 500
 
@@ -424,7 +422,7 @@ def test_a_crafted_run_is_named_with_its_file(crafted, tmp_path):
 
 def test_rows_larger_than_their_file_are_refused(tmp_path, monkeypatch):
     store = ResultStore(tmp_path)
-    store.write_cells(result(cell=replace(CELL, split_index=index)) for index in range(9))
+    store.write_fits(result(fit=replace(FIT, split_index=index)) for index in range(9))
     size = (tmp_path / FILE).stat().st_size
     for spare in (2000 - size, 10 - size):  # all rows; one row
         monkeypatch.setattr("stiff_bench.store.database._SPARE", spare)
@@ -435,7 +433,7 @@ def test_rows_larger_than_their_file_are_refused(tmp_path, monkeypatch):
 def test_a_row_that_its_data_set_does_not_have_is_refused_with_the_data(tmp_path):
     made = MadeResults(tmp_path)
     (key,) = made.add("vjm", [0.1])
-    sha256 = only(tmp_path).cell.data_sha256
+    sha256 = only(tmp_path).fit.data_sha256
     assert len(read_data(tmp_path, sha256).samples) == 12
     forge(tmp_path, arrays=SHAPES, numbers=numbers(12))
     with pytest.raises(StoreError, match=f"{FILE}: corrupt: .*{key} has row 12 of 12"):

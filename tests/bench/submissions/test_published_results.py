@@ -42,12 +42,12 @@ def changed(published, folder, **columns):
     """Copy published results, with other columns in the cells of the model mean."""
     merge([published], folder)
     with closing(sqlite3.connect(folder / FILE)) as db:
-        cells = [result for result in read_results(published) if result.cell.model == "mean"]
+        cells = [result for result in read_results(published) if result.fit.model == "mean"]
         for result in cells:
-            db.execute("DELETE FROM cell WHERE key = ?", (result.cell.key,))
+            db.execute("DELETE FROM cell WHERE key = ?", (result.fit.key,))
         db.commit()
-    ResultStore(folder).write_cells(
-        replace(result, cell=replace(result.cell, **columns)) for result in cells
+    ResultStore(folder).write_fits(
+        replace(result, fit=replace(result.fit, **columns)) for result in cells
     )
     return folder
 
@@ -75,7 +75,7 @@ def test_the_short_version_takes_the_published_results_of_its_splits_only(
 ):
     done = run_against(published, "--no-isolate", "--lite")
     assert done.returncode == 0 and "bench: 2 ok, 4 cached" in done.stderr, done.stderr
-    assert {result.cell.seed for result in read_results(tmp_path / "mine")} == {0}
+    assert {result.fit.seed for result in read_results(tmp_path / "mine")} == {0}
 
 
 @pytest.mark.slow
@@ -126,7 +126,7 @@ def test_results_on_none_of_the_splits_and_missing_folders_are_refused(
 ):
     assert_refused(run_against(tmp_path / "nowhere"), "nowhere: ")
     elsewhere = changed(published, tmp_path / "elsewhere", seed=9)
-    keys = [result.cell.key for result in read_results(elsewhere) if result.cell.seed == 9]
+    keys = [result.fit.key for result in read_results(elsewhere) if result.fit.seed == 9]
     only = tmp_path / "only"
     merge_fits([elsewhere], only, keys)
     assert_refused(run_against(only), "no results on the splits of this run: kr10-twin")

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiff_bench.plan.cells import cell_tasks, plan_run
+from stiff_bench.plan.fits import fit_tasks, plan_run
 from stiff_bench.plan.registry import build_registry
-from stiff_bench.run.cell import fit_input, score
+from stiff_bench.run.execution import fit_input, score
 from stiff_bench.run.fit import fit_and_predict
 from stiff_bench.run.fit_process import Limits
 from stiff_bench.submissions import sealed_fit
@@ -111,7 +111,7 @@ def task():
         splits=1,
         output=Path(),
     )
-    return next(cell_tasks(plan))
+    return next(fit_tasks(plan))
 
 
 @pytest.fixture(scope="module")

@@ -79,7 +79,7 @@ def test_a_table_of_the_named_robots_is_better_on_them_than_on_fresh_ones(submis
     assert "mine does better on named than on fresh robots" in done.stdout
     entry = json.loads((tmp_path / "board" / "fresh.json").read_text())["mine"]
     assert len(entry["seeds"]) == 4 and 0.5 < entry["fresh"][0] < 1.5
-    fits = [fit for fit in read_results(tmp_path / "board" / "runs") if fit.cell.model == "mine"]
+    fits = [fit for fit in read_results(tmp_path / "board" / "runs") if fit.fit.model == "mine"]
     assert len(fits) == 4 and all(fit.status == "ok" for fit in fits)
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from stiff_protocols.contract.record import READING_OPTION, Cell
+from stiff_protocols.contract.record import READING_OPTION, Fit
 
-CELL = Cell(
+FIT = Fit(
     model="ft-mlp",
     model_params={"freeze": "layers:1,2", "width": 380, "learning_rate": 1e-3, "ü": None},
     dataset="kr10-twin",
@@ -32,8 +32,8 @@ CELL = Cell(
 PROGRAM = """
 import sys
 sys.path.insert(0, sys.argv[1])
-from protocols.contract.test_cell_key import CELL
-print(CELL.key, CELL.model_seed)
+from protocols.contract.test_cell_key import FIT
+print(FIT.key, FIT.model_seed)
 """
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
@@ -46,15 +46,15 @@ def test_the_key_is_the_same_in_a_process_that_hashes_or_writes_otherwise():
         text=True,
         check=True,
     )
-    assert process.stdout.strip() == f"{CELL.key} {CELL.model_seed}"
+    assert process.stdout.strip() == f"{FIT.key} {FIT.model_seed}"
 
 
 @pytest.mark.parametrize("name", ["model_params", "dataset_params", "protocol_params"])
 def test_the_key_does_not_depend_on_the_order_of_options(name):
-    options = getattr(CELL, name)
+    options = getattr(FIT, name)
     for order in itertools.permutations(options):
-        reordered_cell = replace(CELL, **{name: {key: options[key] for key in order}})
-        assert (reordered_cell.key, reordered_cell.model_seed) == (CELL.key, CELL.model_seed)
+        reordered_cell = replace(FIT, **{name: {key: options[key] for key in order}})
+        assert (reordered_cell.key, reordered_cell.model_seed) == (FIT.key, FIT.model_seed)
 
 
 CHANGED = {
@@ -65,23 +65,23 @@ CHANGED = {
 }
 
 
-@pytest.mark.parametrize("name", [item.name for item in fields(Cell)])
+@pytest.mark.parametrize("name", [item.name for item in fields(Fit)])
 def test_every_field_of_a_cell_changes_its_key(name):
     """Test all fields, so that new ones are included."""
-    value = getattr(CELL, name)
-    assert replace(CELL, **{name: CHANGED[type(value)](value)}).key != CELL.key
+    value = getattr(FIT, name)
+    assert replace(FIT, **{name: CHANGED[type(value)](value)}).key != FIT.key
 
 
 NO_PART_OF_THE_SEED = {
     **{"model": "gp", "model_params": {}, "model_version": "2", "interval_version": 9},
     **{"coverage": 0.5, "condition": "n = 20", "split_sha256": "23", "source_sha256": ""},
-    "protocol_params": CELL.protocol_params | {READING_OPTION: "all"},
+    "protocol_params": FIT.protocol_params | {READING_OPTION: "all"},
 }
 
 
 def test_a_cell_has_the_key_and_the_seed_that_it_always_had():
     """A changed key loses stored results; a changed seed changes random models."""
-    plain_cell = Cell("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
+    plain_cell = Fit("m", {"a": 1, "b": 2.5}, "d", {}, "00", "p", {}, 0, "11", 0)
     assert plain_cell.key == "8a49b67bbeadb3aae6d65663"
     versioned_cell = replace(
         plain_cell, model_version="2", interval_version=2, coverage=0.9, source_sha256="x"
@@ -90,21 +90,21 @@ def test_a_cell_has_the_key_and_the_seed_that_it_always_had():
         replace(versioned_cell, condition="n = 5", rows_sha256="y").key
         == "dbb33d74898fbad004e67ddb"
     )
-    assert CELL.model_seed == 2208388108
+    assert FIT.model_seed == 2208388108
     for name, value in NO_PART_OF_THE_SEED.items():
-        assert replace(CELL, **{name: value}).model_seed == CELL.model_seed, name
-    other_cell = replace(CELL, dataset="my-robot-ü", rows_sha256="", seed=2**32 + 5)
+        assert replace(FIT, **{name: value}).model_seed == FIT.model_seed, name
+    other_cell = replace(FIT, dataset="my-robot-ü", rows_sha256="", seed=2**32 + 5)
     assert other_cell.model_seed == 3571893947
 
 
 @pytest.mark.parametrize("name", ["model_params", "dataset_params", "protocol_params"])
 def test_every_option_and_its_type_changes_the_key(name):
-    options = getattr(CELL, name)
+    options = getattr(FIT, name)
     for option in options:
         variants = [options | {option: value} for value in ("other", 2.5, False)]
         variants.append({key: value for key, value in options.items() if key != option})
-        keys = {replace(CELL, **{name: variant}).key for variant in (options, *variants)}
+        keys = {replace(FIT, **{name: variant}).key for variant in (options, *variants)}
         assert len(keys) == 5
     for values in ((1, "1"), ([10, 20], [20, 10])):
-        keys = {replace(CELL, model_params={"a": value}).key for value in values}
+        keys = {replace(FIT, model_params={"a": value}).key for value in values}
         assert len(keys) == 2

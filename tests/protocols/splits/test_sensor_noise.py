@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.made_samples import samples_with
-from stiff_bench.run.cell import compute_cell
+from stiff_bench.run.execution import compute_fit
 from stiff_protocols.contract.types import Samples
 from stiff_protocols.splits.random_splits import Holdout
 from stiff_protocols.splits.sensor_noise import SensorNoise
@@ -86,7 +86,7 @@ def test_fits_are_the_same_at_every_level_and_know_no_error(tasks_of):
     FITS.clear()
     tasks = tasks_of(("vjm",), "fanuc-r2000ic", "sensor-noise")
     model = replace(tasks[0].model, cls=RecordingModel, params={}, context={})
-    results = [compute_cell(replace(task, model=model, chooses_epoch=True), "r") for task in tasks]
+    results = [compute_fit(replace(task, model=model, chooses_epoch=True), "r") for task in tasks]
     assert [result.failure for result in results] == [""] * 4
     split, samples = tasks[0].split, tasks[0].data.samples
     ((train, validation, _),) = set(FITS)

@@ -1,4 +1,4 @@
-"""Compute cells: fit, predict, and only then read the measurements.
+"""Compute fits: fit, predict, and only then read the measurements.
 
 `fit_and_predict` may run in another process. `score` runs in the process of the run. It receives
 predictions from there, never a metric.
@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from stiff_bench.plan.cells import CellTask
+from stiff_bench.plan.fits import FitTask
 from stiff_bench.plan.options import Choice
 from stiff_bench.run.fit import FitOutcome, Fitted, attempted, fit_and_predict, unrepeated
 from stiff_bench.run.progress import Display
@@ -21,7 +21,7 @@ from stiff_models.model_catalog import REFERENCE_MODEL, model_info
 from stiff_protocols.contract.errors import StiffBenchError
 from stiff_protocols.contract.evaluation import FitInput
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.record import PATH_ERROR, CellResult
+from stiff_protocols.contract.record import PATH_ERROR, FitResult
 from stiff_protocols.contract.types import FloatArray
 from stiff_protocols.scoring.sanity import check_prediction
 
@@ -31,17 +31,17 @@ REUSED_STATUSES: Mapping[Rerun, Set[str]] = {
     "failed": {"ok"},
     "all": frozenset(),
 }
-"""Statuses of stored results that are reused; skipped cells are always tried again."""
+"""Statuses of stored results that are reused; skipped fits are always tried again."""
 
 
 @dataclass(eq=False, kw_only=True)
 class Execution:
-    """Compute the cells of a run in this process, one after another; subclasses do more.
+    """Compute the fits of a run in this process, one after another; subclasses do more.
 
     Attributes:
-        rerun: cells that are computed again although their results are stored.
+        rerun: fits that are computed again although their results are stored.
         facts: entries for the manifest.
-        at_once: number of cells computed in parallel, as far as it is known.
+        at_once: number of fits computed in parallel, as far as it is known.
         machines: environments of other machines that took part, by their addresses.
     """
 
@@ -51,9 +51,9 @@ class Execution:
     machines: dict[str, Mapping[str, str]] = field(default_factory=dict)
 
     def results(
-        self, tasks: Iterable[CellTask], run_id: str, display: Display
-    ) -> Generator[CellResult, None, None]:
-        """Yield the result of every cell as it ends, in any order.
+        self, tasks: Iterable[FitTask], run_id: str, display: Display
+    ) -> Generator[FitResult, None, None]:
+        """Yield the result of every fit as it ends, in any order.
 
         A task is taken from `tasks` when its turn comes. Closing the generator ends what runs.
 
@@ -62,19 +62,19 @@ class Execution:
         """
         for task in tasks:
             display.start(task)
-            yield compute_cell(task, run_id, self.fit)
+            yield compute_fit(task, run_id, self.fit)
 
     def fit(self, model: Choice[ModelInfo], given: FitInput) -> FitOutcome:
         """Return the outcome of a fit."""
         return fit_and_predict(model, given)
 
 
-def compute_cell(
-    task: CellTask,
+def compute_fit(
+    task: FitTask,
     run_id: str,
     fit: Callable[[Choice[ModelInfo], FitInput], FitOutcome] = fit_and_predict,
-) -> CellResult:
-    """Fit, predict and score one cell; an error of the model gives a failed result.
+) -> FitResult:
+    """Fit, predict and score; an error of the model gives a failed result.
 
     A model that cannot be used on this machine gives a skipped result.
     """
@@ -82,14 +82,14 @@ def compute_cell(
     return score(task, given, run_id, fit(task.model, given))
 
 
-def fit_input(task: CellTask) -> FitInput:
-    """Return the input of a cell's fit, without the deflections that it is scored on."""
+def fit_input(task: FitTask) -> FitInput:
+    """Return the input of a fit, without the deflections that it is scored on."""
     return task.fit_input(
-        chooses_epoch=task.chooses_epoch, seed=task.cell.model_seed, coverage=task.cell.coverage
+        chooses_epoch=task.chooses_epoch, seed=task.fit.model_seed, coverage=task.fit.coverage
     )
 
 
-def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> CellResult:
+def score(task: FitTask, given: FitInput, run_id: str, outcome: FitOutcome) -> FitResult:
     """Score the outcome of a fit; impossible predictions give a failed result with the reason."""
     if (fitted := outcome.fitted) is not None:
         scored, failure, cause, messages = attempted(lambda: _scored(task, given, run_id, fitted))
@@ -97,8 +97,8 @@ def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> 
         if scored is not None:
             return replace(scored, warnings=outcome.warnings)
         outcome = replace(outcome, failure=failure, cause=cause)
-    return CellResult(
-        cell=task.cell,
+    return FitResult(
+        fit=task.fit,
         presentation=task.presentation,
         run_id=run_id,
         status="failed" if outcome.cause else "skipped",
@@ -110,7 +110,7 @@ def score(task: CellTask, given: FitInput, run_id: str, outcome: FitOutcome) -> 
     )
 
 
-def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> CellResult:
+def _scored(task: FitTask, given: FitInput, run_id: str, fitted: Fitted) -> FitResult:
     """Return the result; the measurements at the reported rows are read last."""
     reference = reference_values(task, given)
     prediction = task.prediction(fitted.predicted, fitted.commands, fitted.interval, reference)
@@ -118,8 +118,8 @@ def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> Cel
     diagnostics = dict(fitted.diagnostics)
     if fitted.path_commands is not None:
         diagnostics[PATH_ERROR] = 1000.0 * task.path_error(fitted.path_commands)
-    return CellResult(
-        cell=task.cell,
+    return FitResult(
+        fit=task.fit,
         presentation=task.presentation,
         run_id=run_id,
         status="ok",
@@ -136,7 +136,7 @@ def _scored(task: CellTask, given: FitInput, run_id: str, fitted: Fitted) -> Cel
     )
 
 
-def reference_values(task: CellTask, given: FitInput) -> FloatArray | None:
+def reference_values(task: FitTask, given: FitInput) -> FloatArray | None:
     """Return the scored values of the reference model, fitted to the whole training side.
 
     It takes a millisecond. None: these data do not identify the model.

@@ -1,6 +1,6 @@
-"""The plan of a run and its cells: model by data set by protocol by split.
+"""The plan of a run and its fits: model by data set by protocol by split.
 
-`plan_run` checks a run before anything is computed. `cell_tasks` yields the cells, each with all
+`plan_run` checks a run before anything is computed. `fit_tasks` yields the fits, each with all
 that it needs.
 """
 
@@ -40,7 +40,7 @@ from stiff_protocols.contract.plugin import DatasetInfo, ModelInfo, ProtocolInfo
 from stiff_protocols.contract.protocol_base import EvaluationProtocol, completed
 from stiff_protocols.contract.record import (
     INTERVAL_VERSION,
-    Cell,
+    Fit,
     Presentation,
 )
 from stiff_protocols.contract.source_code import code_of
@@ -205,13 +205,13 @@ def loaded(dataset: Choice[DatasetInfo]) -> BenchmarkData:
     return data
 
 
-def true_joint_turns(cell: Cell, registry: Registry) -> Callable[[FloatArray], FloatArray] | None:
-    """Return `BenchmarkData.joint_turn` of a cell's data; None: not known, or data have changed."""
+def true_joint_turns(fit: Fit, registry: Registry) -> Callable[[FloatArray], FloatArray] | None:
+    """Return `BenchmarkData.joint_turn` of a fit's data; None: not known, or data have changed."""
     try:
-        data = loaded(Choice.of_stored(registry.datasets[cell.dataset], cell.dataset_params))
+        data = loaded(Choice.of_stored(registry.datasets[fit.dataset], fit.dataset_params))
     except (KeyError, StiffBenchError):
         return None
-    return data.joint_turn if data.sha256 == cell.data_sha256 else None
+    return data.joint_turn if data.sha256 == fit.data_sha256 else None
 
 
 def _coverage(requested: float | None, metrics: Sequence[Metric]) -> float | None:
@@ -257,18 +257,18 @@ def _made(choice: Choice[Any], *methods: str) -> Any:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CellTask(Evaluation):
-    """Hold a cell with its model and its evaluation.
+class FitTask(Evaluation):
+    """Hold a fit with its model and its evaluation.
 
     Attributes:
-        cell: its identity.
+        fit: its identity.
         presentation: names, marks and notes to show with its numbers.
         model: catalogue line of the model with its options.
         chooses_epoch: True if the model chooses its epoch by validation rows.
         n_splits: number of splits of its protocol on its data set, in one condition.
     """
 
-    cell: Cell
+    fit: Fit
     presentation: Presentation
     model: Choice[ModelInfo]
     chooses_epoch: bool
@@ -297,10 +297,10 @@ def made_model(choice: Choice[ModelInfo], source: BenchmarkData | None) -> Stiff
     return model
 
 
-def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
-    """Yield every cell of some plans once: data set by protocol by split by model.
+def fit_tasks(*plans: RunPlan) -> Iterator[FitTask]:
+    """Yield every fit of some plans once: data set by protocol by split by model.
 
-    All splits of a data set under a protocol are checked before its first cell.
+    All splits of a data set under a protocol are checked before its first fit.
 
     Raises:
         StiffBenchError: a data set cannot be loaded or divided, or is not a valid source for
@@ -333,8 +333,8 @@ def cell_tasks(*plans: RunPlan) -> Iterator[CellTask]:
                 for task in _of_protocol(
                     plan, dataset, data, protocol, ready, of_protocol, sources
                 ):
-                    if task.cell.key not in seen:
-                        seen.add(task.cell.key)
+                    if task.fit.key not in seen:
+                        seen.add(task.fit.key)
                         yield task
 
 
@@ -377,16 +377,16 @@ def _of_protocol(
     ready: tuple[EvaluationProtocol, BenchmarkData],
     models: Sequence[Choice[ModelInfo]],
     sources: Mapping[str, BenchmarkData],
-) -> Iterator[CellTask]:
-    """Yield the cells of one data set under one protocol; `ready`: it, and the data it divides."""
+) -> Iterator[FitTask]:
+    """Yield the fits of one data set under one protocol; `ready`: it, and the data it divides."""
     protocol, data = ready
     splits, n_splits, first_of_source = _divided(protocol, choice, dataset, data, plan)
     has_more = data.samples is not measured.samples
     no_test = f"{choice.name} {NO_TEST}" if protocol.reports_training else ""
     caveat = f"{choice.info.key}: {protocol.caveat}" if protocol.caveat else ""
 
-    def on_first_split(model: Choice[ModelInfo], split: Split) -> CellTask:
-        """Return a model's cell on the first split with a source: what is asked once is asked."""
+    def on_first_split(model: Choice[ModelInfo], split: Split) -> FitTask:
+        """Return a model's fit on the first split with a source: what is asked once is asked."""
         source = sources.get(split.source)
         made = made_model(model, source)
         optional(made, "check_robot")(data.robot)
@@ -396,7 +396,7 @@ def _of_protocol(
             getattr(made, "regime", ""),
         ]
         of_source = getattr(made, "source_words", "")
-        cell = Cell(
+        fit = Fit(
             model=model.info.key,
             model_params=model.identity,
             dataset=dataset.info.key,
@@ -430,12 +430,12 @@ def _of_protocol(
             reports_training=bool(no_test),
             measured_sha256=measured.sha256 if has_more else "",
         )
-        return CellTask(
+        return FitTask(
             make_protocol=partial(make_protocol, choice),
             data=data,
             split=split,
             source=source,
-            cell=cell,
+            fit=fit,
             presentation=presentation,
             model=model,
             chooses_epoch=chooses,
@@ -448,14 +448,14 @@ def _of_protocol(
     }
     for split in splits:
         for first in firsts[split.source]:
-            cell = replace(
-                first.cell,
+            fit = replace(
+                first.fit,
                 split_index=split.index,
                 split_sha256=split.sha256,
                 condition=split.condition,
                 rows_sha256="" if split.sha256 == split.rows_sha256 else split.rows_sha256,
             )
-            yield replace(first, cell=cell, split=split, n_splits=n_splits[split.condition])
+            yield replace(first, fit=fit, split=split, n_splits=n_splits[split.condition])
 
 
 def _divided(
