@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 import tomllib
+from collections.abc import Mapping
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -14,12 +16,17 @@ from stiff_protocols.contract.extras import EXTRAS, missing, require
 
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text("utf-8"))
 OPTIONAL = PROJECT["project"]["optional-dependencies"]
-INSTALLED = packages_distributions()
+
+
+@functools.cache
+def installed() -> Mapping[str, list[str]]:
+    """Return the distributions of each importable name; reading all metadata takes seconds."""
+    return packages_distributions()
 
 
 @pytest.mark.parametrize("package", EXTRAS)
 def test_the_extra_that_a_message_names_installs_the_package(package):
-    names = {name.lower().replace("_", "-") for name in INSTALLED.get(package, [package])}
+    names = {name.lower().replace("_", "-") for name in installed().get(package, [package])}
     assert any(line.startswith(tuple(names)) for line in OPTIONAL[EXTRAS[package]])
     required = PROJECT["project"]["dependencies"]
     assert not any(line.startswith(tuple(names)) for line in required)
