@@ -21,6 +21,8 @@ from stiff_bench.api.registered import list_figures
 from stiff_bench.model_tools.plugins import check
 from stiff_bench.plan.fits import fit_tasks
 from stiff_bench.plan.registry import registry, use_only
+from stiff_bench.results.columns import BEST, LIKE_BEST, VERDICT_TEXTS
+from stiff_bench.results.comparison import VERDICTS
 from stiff_bench.run.execution import compute_fit
 from stiff_datasets.measured.table_reader import sample_table
 from stiff_protocols.protocol_catalog import PROTOCOLS
@@ -39,7 +41,7 @@ GUIDE = (
     "place-the-work add_a_model add_a_data_set add_a_protocol large-studies read-the-results "
     "python troubleshooting glossary"
 ).split()
-MOST_WORDS, LONGEST_SENTENCE, MEAN_SENTENCE = 10_000, 40, 25
+MOST_WORDS, MOST_APPENDIX_WORDS, LONGEST_SENTENCE, MEAN_SENTENCE = 10_000, 20_000, 40, 25
 SENTENCE_END = re.compile(r"[.:!?](?:\s|$)|\n\s*\n|\n\s*[-#]|\n\s*\d\.\s")
 NO_PROSE = re.compile(r"^```.*?^```|^\|.*?$|^<!--.*?$|^!\[.*?$", re.DOTALL | re.MULTILINE)
 SCRIPT = re.compile(r"^```py(?:thon)?\n(?!>>>)(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -166,6 +168,21 @@ def test_the_guide_is_short_and_so_are_its_sentences():
     assert max(lengths) <= LONGEST_SENTENCE
     sentences = [length for length in lengths if length > 1]
     assert sum(sentences) / len(sentences) <= MEAN_SENTENCE
+
+
+def test_the_pages_outside_the_guide_are_short():
+    pages = [page for page in DOCS.glob("*.md") if page.stem not in GUIDE]
+    words = {page.name: len(page.read_text("utf-8").split()) for page in pages}
+    assert "definitions.md" in words
+    assert sum(words.values()) <= MOST_APPENDIX_WORDS, words
+
+
+def test_every_word_of_a_verdict_is_in_the_glossary():
+    rows = (DOCS / "glossary.md").read_text("utf-8").partition("\n## Verdicts\n")[2].splitlines()
+    cells = ", ".join(row.split("|")[1] for row in rows if row.startswith("|"))
+    explained = {word.strip(" `") for word in cells.split(",")}
+    printed = {*VERDICT_TEXTS.values(), *VERDICTS.values(), BEST, LIKE_BEST, "equal"} - {""}
+    assert printed - explained == set()
 
 
 def test_the_gallery_has_every_figure_and_pictures_are_small():

@@ -107,7 +107,7 @@ def test_a_planted_mistake_is_named(source, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("source", "first"), [("kr10-twin", 0), ("ur5-twin", 2), ("FANUC", 3)])
 def test_nearly_every_planted_mistake_is_named_and_none_wrongly(source, first, tmp_path):
-    # each mistake once on one of the twins; docs/faults.md has the whole table
+    # each mistake once on one of the twins; results/scripts/planted_faults.py prints all of them
     for start, specimen in enumerate((3, 6), start=first):
         data = clean(source, specimen)
         faults = [fault for fault in FAULTS if not (data.no_torque and fault in OF_TORQUE)]
