@@ -98,7 +98,7 @@ def test_a_run_may_ask_for_intervals(tmp_path):
     [
         *(("paper", 494, 25), ("paper-quick", 49, 1)),  # of several tables and figures
         ("intervals", 225, 0),
-        ("fresh", 684, 0),
+        ("fresh", 720, 0),
     ],
 )
 def test_a_shipped_study_asks_for_its_fits_by_valid_names(name, n_fits, n_shared, plans):
