@@ -195,8 +195,8 @@ def test_points_that_do_not_converge_stop_the_command_or_stay_uncorrected(vjm, c
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", shipped_robots())
-def test_every_shipped_robot_has_examples_that_it_can_drive(robot, tmp_path):
+@pytest.mark.parametrize("robot", ["kr10-r1100-2", "ur5", "fanuc-r2000ic", "tx60", "gp12"])
+def test_robots_of_each_kind_have_examples_that_they_can_drive(robot, tmp_path):
     arm, load = shipped_robots()[robot].robot(), (0.0, 0.0, -9.0, 0.0, 0.0, 0.0)
     for shape in ("square", "iso9283"):  # the others lie inside of these
         example_path(tmp_path / f"{shape}.csv", shape=shape, robot=robot, load=load)

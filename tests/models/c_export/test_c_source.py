@@ -133,6 +133,8 @@ def test_springs_of_100_000_random_samples_of_all_shipped_robots(key, options, t
     robots = [named_robot(name).robot() for name in shipped_robots()]
     if FIRST_OF_FAMILY[key] != options:  # other options: the first robot
         robots = robots[:1]
+    elif key != "bayes-springs":  # whose expressions hold those of the other families
+        robots = robots[::4]
     for number, robot in enumerate(robots):
         folder = tmp_path / str(number)
         folder.mkdir()
