@@ -310,6 +310,12 @@ class Measured:
                 "with `covariance`)",
                 "model",
             )
+        if self.samples.directions.size and not self.is_process:
+            raise ConfigError(
+                f"{model.name} plans from deflections along x, y and z, not from single readings "
+                f"(valid: {PLANNING_MODEL})",
+                "model",
+            )
         if self.is_process and criterion != "i-optimal":
             raise ConfigError(
                 f"{criterion}: only for joint springs (valid with {model.name}: i-optimal)",

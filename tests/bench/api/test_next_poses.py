@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from stiff_bench.plan.options import Choice
 from stiff_datasets.measured.table_reader import sample_table, write_table
 from stiff_datasets.twin.robot_twin import Ur5Twin
 from stiff_models.model_catalog import model_info
+from stiff_protocols.contract.errors import ConfigError
 
 UR5 = ("data", "plan", "--robot", "ur5", "--candidates", "200", "--output", "next.csv")
 
@@ -104,6 +106,16 @@ def test_a_plan_and_what_was_measured_of_it_are_one_file(tmp_path, measured, ur5
     assert all_rows["pose_id"].is_unique
     all_rows.to_csv(tmp_path / "both.csv", index=False)
     assert len(sb.read_samples(tmp_path / "both.csv", robot="ur5")) == 17
+
+
+def test_joint_springs_plan_from_vectors_only(ur5):
+    samples = ur5.samples.take(np.arange(9))
+    upwards = np.tile([[0.0, 0.0, 1.0]], (9, 1, 1))
+    read = replace(samples, deflection=samples.deflection * upwards[:, 0], directions=upwards)
+    springs = Measured("gauge.csv", read, ur5.robot, Choice.of(model_info("vjm")))
+    with pytest.raises(ConfigError, match="bayes-springs"):
+        springs.check("i-optimal")
+    replace(springs, model=Choice.of(model_info("bayes-springs"))).check("i-optimal")
 
 
 def test_what_cannot_be_planned_after_a_measurement_is_refused(tmp_path, measured):
