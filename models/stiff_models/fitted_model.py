@@ -40,13 +40,14 @@ class FittedModel(StiffnessModel):
 
         Raises:
             ConfigError: the options contradict each other, the samples or the robot, or the model
-                takes no readings along directions.
+                takes no readings along directions, or at other points than the TCP.
             ModelError: these samples identify nothing, or the training diverged.
         """
         check_readings(self, train)
         self._fit(train, robot, validation, seed)
         if self.takes_directions:
-            for text in unseen_joints_texts(robot, train.q, train.wrench, train.directions):
+            seen = train.directions, train.levers
+            for text in unseen_joints_texts(robot, train.q, train.wrench, *seen):
                 warn(f"{text}; until then its stiffness is guessed from the other joints' sizes")
         self.robot_, self.training_range_ = robot, TrainingRange.of(train, robot)
         return self

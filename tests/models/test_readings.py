@@ -10,8 +10,9 @@ import pytest
 
 from stiff_datasets.twin.kr10_twin import Kr10TwinOmni
 from stiff_models.model_catalog import SpringModel, model_info
+from stiff_models.physics.fitted_geometry import moved_wrench
 from stiff_protocols.contract.errors import ConfigError, StiffBenchWarning
-from stiff_protocols.contract.stiffness_model import MODELS_OF_READINGS
+from stiff_protocols.contract.stiffness_model import MODELS_OF_READINGS, predicted_readings
 from stiff_protocols.contract.types import Prediction, Samples
 from stiff_protocols.scoring.conformal import SplitConformal
 from stiff_protocols.scoring.metrics import METRICS
@@ -61,6 +62,7 @@ def weights(rows):
 def test_the_models_that_a_refusal_names_are_the_spring_models():
     assert set(MODELS_OF_READINGS) == {*get_args(SpringModel)}
     assert all(quick(key).takes_directions for key in MODELS_OF_READINGS)
+    assert all(quick(key).takes_levers for key in MODELS_OF_READINGS)
 
 
 @pytest.mark.parametrize("key", ["mean", "gp", "vjm-gp"])
@@ -93,6 +95,95 @@ def test_three_single_numbers_teach_about_as_much_as_one_vector(key, rows):
         return np.linalg.norm(model.predict(test.q, test.wrench) - test.deflection, axis=1).mean()
 
     assert error(one_axis(train)) < 2.0 * error(train.take(np.arange(0, 90, 3)))
+
+
+@pytest.fixture(scope="module")
+def off_tcp_rows(rows):
+    """Return robot, single numbers read at another point in every row, and their truth at the TCP.
+
+    Springs are linear. Robots whose TCP is the point move as far under the same load.
+    """
+    robot, train, _ = rows
+    rng, compliance = np.random.default_rng(62), np.array([2.0, 1.6, 2.0, 44.0, 11.0, 72.0]) * 1e-5
+    wrench = np.hstack([train.wrench[:, :3], rng.normal(size=(len(train), 3))])
+    points = robot.tcp + rng.uniform(-0.1, 0.1, (len(train), 3))
+    rotation = robot.forward(train.q).rotation
+    levers = np.einsum("nij,nj->ni", rotation, points - robot.tcp)
+    loads = moved_wrench(wrench, -levers)
+    deflection = np.vstack(
+        [
+            replace(robot, tcp=point).joint_deflection(compliance, q[None], load[None])
+            for point, q, load in zip(points, train.q, loads, strict=True)
+        ]
+    )
+    samples = one_axis(replace(train, wrench=wrench, deflection=deflection))
+    truth = robot.joint_deflection(compliance, train.q, wrench)
+    return robot, replace(samples, levers=levers), truth, deflection
+
+
+@pytest.mark.parametrize("key", SLOW_LAST)
+def test_readings_of_other_points_than_the_tcp_teach_its_deflection(key, off_tcp_rows):
+    robot, samples, truth, at_points = off_tcp_rows
+    model = quick(key).fit(samples, robot=robot)
+    careless = quick(key).fit(replace(samples, levers=np.empty(0)), robot=robot)
+
+    def error(predicted, truth=truth):
+        return np.linalg.norm(predicted - truth, axis=1).mean()
+
+    loads = samples.q, samples.wrench
+    assert error(model.predict(*loads)) < 0.02 * np.linalg.norm(truth, axis=1).mean()
+    assert error(model.predict(*loads)) < 0.2 * error(careless.predict(*loads))
+    readings = predicted_readings(model, *loads, samples.levers)
+    assert error(readings, at_points) < 0.02 * np.linalg.norm(truth, axis=1).mean()
+
+
+@pytest.mark.parametrize("key", SLOW_LAST)
+def test_a_point_moves_as_the_tcp_of_a_robot_whose_tcp_it_is(key, off_tcp_rows):
+    robot, samples, _, _ = off_tcp_rows
+    rig = {"groups": "-force point+force sensor"} if key == "bayes-springs" else {}
+    model = quick(key).set_params(**rig).fit(samples, robot=robot)
+    point = np.array([0.03, -0.02, 0.05])  # from the TCP, last joint's frame
+    levers = robot.forward(samples.q).rotation @ point
+    predicted = predicted_readings(model, samples.q, samples.wrench, levers)
+    load = moved_wrench(samples.wrench, -levers)
+    there = model.predict_at_point(samples.q, load, robot.tcp + point)
+    np.testing.assert_allclose(predicted, there, rtol=0.0, atol=1e-12)
+
+
+def test_a_fitted_measured_point_and_models_of_the_tcp_refuse_readings_of_other_points(
+    off_tcp_rows,
+):
+    robot, samples, _, _ = off_tcp_rows
+    with pytest.raises(ConfigError, match=r"tcp='fit'.*tcp='given'"):
+        quick("vjm").set_params(tcp="fit").fit(samples, robot=robot)
+    of_tcp = quick("vjm").set_params(tcp="fit").fit(replace(samples, levers=[]), robot=robot)
+    vectors = replace(samples, directions=[], levers=[])
+    for model in (of_tcp, quick("mean").fit(vectors, robot=robot)):
+        with pytest.raises(ConfigError, match="points"):
+            predicted_readings(model, samples.q, samples.wrench, samples.levers)
+    plugin = quick("vjm")
+    plugin.takes_levers = False  # of a plugin that learns from directions only
+    with pytest.raises(ConfigError, match="other points"):
+        plugin.fit(samples, robot=robot)
+
+
+def test_a_fitted_lever_of_the_force_leaves_the_points_that_were_read(off_tcp_rows):
+    robot, samples, truth, _ = off_tcp_rows
+    offset = np.array([0.0, 0.04, 0.03])
+    written = moved_wrench(samples.wrench, -(robot.forward(samples.q).rotation @ offset))
+    fitted = quick("vjm").set_params(lever="fit").fit(replace(samples, wrench=written), robot=robot)
+    assert np.abs(fitted.geometry_.lever - offset).max() < 1e-3
+    error = np.linalg.norm(fitted.predict(samples.q, written) - truth, axis=1).mean()
+    assert error < 0.02 * np.linalg.norm(truth, axis=1).mean()
+
+
+def test_conformal_intervals_of_other_points_are_as_narrow_as_the_readings_allow(off_tcp_rows):
+    robot, samples, _, _ = off_tcp_rows
+    widths = [
+        SplitConformal(quick("vjm"), coverage=0.8).fit(rows, robot=robot).residuals_.max()
+        for rows in (samples, replace(samples, levers=[]))
+    ]
+    assert widths[0] < 0.05 * widths[1]
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ from stiff_protocols.contract.errors import (
 from stiff_protocols.contract.files import check_new_file, written_whole
 from stiff_protocols.contract.plugin import ModelInfo, in_words
 from stiff_protocols.contract.source_code import code_of
-from stiff_protocols.contract.stiffness_model import offers, optional
+from stiff_protocols.contract.stiffness_model import offers, optional, predicted_readings
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import (
     AXES,
@@ -471,7 +471,7 @@ class Model(ShownObject):
         data = as_dataset(data, robot)
         self._check_robot_of(data)
         samples = data.samples
-        predicted = optional(self.fitted, "predict_reading")(samples.q, samples.wrench)
+        predicted = predicted_readings(self.fitted, samples.q, samples.wrench, samples.levers)
         self._warn_beyond_training(samples.q, samples.wrench)
         rows = np.arange(len(samples))
         prediction = Prediction(rows, predicted, samples.deflection, directions=samples.directions)

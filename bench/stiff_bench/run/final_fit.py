@@ -12,7 +12,7 @@ from stiff_bench.plan.options import Choice
 from stiff_protocols.contract.errors import ConfigError, ModelError, StiffBenchWarning
 from stiff_protocols.contract.evaluation import training_side
 from stiff_protocols.contract.plugin import ModelInfo
-from stiff_protocols.contract.stiffness_model import check_readings, optional
+from stiff_protocols.contract.stiffness_model import check_readings, optional, predicted_readings
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples
 from stiff_protocols.scoring.conformal import SplitConformal
@@ -103,8 +103,7 @@ def cross_validated_error(
             model = choice.make()
             train, validation = _training_side(choice, learned, seed)
             model.fit(train, robot=robot, validation=validation, seed=seed)
-            predict_reading = optional(model, "predict_reading")
-            predicted = np.asarray(predict_reading(left_out.q, left_out.wrench))
+            predicted = predicted_readings(model, left_out.q, left_out.wrench, left_out.levers)
             check_prediction(predicted, len(left_out))
             errors.append(left_out.seen(predicted) - left_out.deflection)
     return CrossValidatedError.of(np.concatenate(errors), len(errors))

@@ -37,9 +37,11 @@ from stiff_protocols.contract.record import Cost
 from stiff_protocols.contract.stiffness_model import (
     StiffnessModel,
     check_readings,
+    interval_at_points,
     interval_at_tcp,
     offers,
     optional,
+    predicted_readings,
 )
 from stiff_protocols.contract.types import (
     Deflection,
@@ -180,6 +182,9 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
     memory_bytes = memory.rise()
     predicted = _checked(lambda *_: answer)(q, wrench)
     check_rows_apart(predict_rows, q, wrench, predicted)
+    if given.levers.size:
+        at_points = partial(predicted_readings, model, levers=given.levers)
+        predicted = _checked(at_points)(q, wrench)
     predict, predict_tcp = map(_checked, (model.predict, optional(model, "predict_at_tcp")))
     training = given.train.take(_spread_rows(len(given.train), ROWS_FOR_UNITS))
     check_units(predict(training.q, training.wrench), training.deflection)
@@ -195,8 +200,9 @@ def _fitted(choice: Choice[ModelInfo], given: FitInput) -> Fitted:
     if intervals is not None and given.coverage is not None:
         interval = intervals.predict_interval(commands, wrench, given.coverage)
         _check_interval(interval, len(q), given.coverage)
+        centre = intervals.model_ if isinstance(intervals, SplitConformal) else model
+        interval = interval_at_points(centre, interval, commands, wrench, given.levers)
         if commands is not q:
-            centre = intervals.model_ if isinstance(intervals, SplitConformal) else model
             interval = interval_at_tcp(centre, interval, commands, wrench)
     path_commands = None
     if given.path_q is not None and given.path_wrench is not None:

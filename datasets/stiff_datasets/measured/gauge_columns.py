@@ -6,7 +6,8 @@ gauge's direction. Three steps, each only where a file has its columns:
 1. a row a state (``state``: unloaded, loaded, and unloaded again) -> a row a load;
 2. ``mass_kg`` and ``pull_N`` along ``pull_x, pull_y, pull_z`` at the hook -> force and torque;
 3. ``reading_mm``, or ``reading0_mm, reading1_mm, reading2_mm`` (unloaded, loaded, unloaded again),
-   along ``reading_x, reading_y, reading_z`` -> deflection.
+   along ``reading_x, reading_y, reading_z`` -> deflection, of the TCP or of the point
+   ``point_x_mm, point_y_mm, point_z_mm`` of the last link.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from stiff_datasets.measured.sample_columns import (
     ID_COLUMNS,
     LOADED_COLUMNS,
     MM_PER_M,
+    POINT_COLUMNS,
     READING,
     WRENCH_COLUMNS,
     file_units,
@@ -34,11 +36,11 @@ from stiff_datasets.measured.sample_columns import (
     split_header,
 )
 from stiff_datasets.measured.table_reader import Sheet, plain_minus
+from stiff_protocols.contract.robot import LONGEST_M
 from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, Samples
 
 MASS, PULL, STATE, LOADING = "mass_kg", "pull_N", "state", "loading"
 PULL_COLUMNS = ("pull_x", "pull_y", "pull_z")
-POINT_COLUMNS = ("point_x_mm", "point_y_mm", "point_z_mm")
 STATE_READINGS = ("reading0_mm", "reading1_mm", "reading2_mm")
 """Gauge unloaded, loaded, and unloaded again."""
 STATES = {
@@ -48,8 +50,8 @@ STATES = {
 """Word of a state -> whether the load is on."""
 LOADINGS = ("first", "second", "mean")
 """Reading loaded, less the one before it, less the one after it, or less their mean."""
-POINT_TOLERANCE = 1.0
-"""mm between the gauge's point and the TCP, across the gauge's direction."""
+LEVER_DECIMALS = 9
+"""Of m: a lever's rounding errors vanish, so that an exported file reads back."""
 FEWEST_ZEROS = 5
 """Rows from which a column of exact zeros is refused."""
 
@@ -91,6 +93,9 @@ def without_gauge_columns(sheet: Sheet, robot: Robot, options: FileOptions) -> G
     if {READING, *STATE_READINGS} & {*read_sheet.cells}:
         sheet, reading_problems, of_readings = _with_deflections(sheet, read_sheet, robot)
         problems, headers = problems + reading_problems, headers | of_readings
+    elif points := [name for name in POINT_COLUMNS if name in read_sheet.cells]:
+        text = f"header: {', '.join(points)} without a reading"
+        problems.append(Problem(text, "reading_mm; give the point of a tracker as --tcp"))
     return GaugeSheet(sheet, tuple(problems), tuple(headers.items()))
 
 
@@ -108,6 +113,19 @@ def directions_of(sheet: Sheet, is_read: BoolArray | None) -> FloatArray:
     first = np.argsort(~is_read, axis=1, kind="stable")  # axes that are read come first
     axes = np.take_along_axis(axes, first[..., None], axis=1)
     return np.asarray(axes[:, : int(is_read.sum(axis=1).max())])
+
+
+def levers_of(sheet: Sheet, q: FloatArray, robot: Robot) -> FloatArray:
+    """Return `Samples.levers` of a checked sheet: (n, 3) to its points, 0 where it states none.
+
+    Empty: it states no point. `q` (n, n_joints) are the positions, rad or m.
+    """
+    if POINT_COLUMNS[0] not in sheet.cells:
+        return np.empty(0)
+    points = sheet.numbers(POINT_COLUMNS)
+    if np.isnan(points).all():
+        return np.empty(0)
+    return np.nan_to_num(robot.lever(q, points / MM_PER_M)).round(LEVER_DECIMALS)
 
 
 def zero_problems(deflection_mm: FloatArray, directions: FloatArray) -> Iterator[Problem]:
@@ -133,7 +151,11 @@ def gauge_texts(samples: Samples) -> list[str]:
     ]
     oblique = int(is_read.sum() - (np.abs(directions).max(axis=2) > 1.0 - 1e-9).sum())
     along += [f"other directions {oblique}"] * bool(oblique)
-    return [f"{int(is_read.sum())} numbers in {len(samples)} rows: along {', '.join(along)}"]
+    texts = [f"{int(is_read.sum())} numbers in {len(samples)} rows: along {', '.join(along)}"]
+    if samples.levers.size:
+        far = MM_PER_M * np.linalg.norm(samples.levers, axis=1)
+        texts.append(f"the gauge touches points {far.min():.3g} to {far.max():.3g} mm from the TCP")
+    return texts
 
 
 def _recognised(sheet: Sheet, robot: Robot) -> Sheet:
@@ -145,10 +167,11 @@ def _recognised(sheet: Sheet, robot: Robot) -> Sheet:
 def _rows_of_loads(sheet: Sheet, robot: Robot) -> tuple[Sheet, list[Problem]]:
     """Join the rows of states: each loaded row gets the unloaded ones before and after it.
 
-    Rows belong together if their pose (or joint positions) and direction are equal.
+    Rows belong together if their pose (or joint positions), direction and point are equal.
     """
     measured = (READING, "x_mm", "y_mm", "z_mm")
-    columns = (STATE, *measured, "pose_id", *DIRECTION_COLUMNS, *joint_columns(robot))
+    of_gauge = (*DIRECTION_COLUMNS, *POINT_COLUMNS)
+    columns = (STATE, *measured, "pose_id", *of_gauge, *joint_columns(robot))
     read_sheet = sheet.with_standard_columns(columns)
     if STATE not in read_sheet.cells:
         return sheet, []
@@ -164,7 +187,7 @@ def _rows_of_loads(sheet: Sheet, robot: Robot) -> tuple[Sheet, list[Problem]]:
         return sheet, problems
     is_loaded = words.map(STATES).to_numpy(dtype=bool)
     same = ["pose_id"] if "pose_id" in read_sheet.cells else [*joint_columns(robot)]
-    same += [name for name in DIRECTION_COLUMNS if name in read_sheet.cells]
+    same += [name for name in of_gauge if name in read_sheet.cells]
     group = read_sheet.cells.groupby(same, sort=False, dropna=False).ngroup().to_numpy()
     before = np.full(len(group), -1)
     again = np.full(len(group), -1)
@@ -277,7 +300,7 @@ def _with_deflections(
         cell_problem(read_sheet, row, DIRECTION_COLUMNS[0], "a direction, not 0, 0, 0")
         for row in np.flatnonzero(length[:, 0] == 0.0)
     ]
-    problems += _point_problems(read_sheet, robot, directions)
+    problems += _point_problems(read_sheet)
     loading, loading_problems = _loadings(read_sheet, has_again=has_again or READING in stated)
     problems += loading_problems
     if READING in stated:
@@ -303,7 +326,7 @@ def _with_deflections(
     words = ", ".join(dict.fromkeys(loading.tolist()))
     note = f"deflections are {' and '.join(shown_names)} along {', '.join(DIRECTION_COLUMNS)}"
     note += f", of the {words} loading" * (READING not in stated or LOADING in file_columns)
-    used = [*stated, *(name for name in (LOADING, *POINT_COLUMNS) if name in file_columns)]
+    used = [*stated, *[LOADING] * (LOADING in file_columns)]
     sheet = _replaced(sheet, read_sheet, used, columns, note)
     return sheet, problems, dict.fromkeys(DEFLECTION_COLUMNS, ", ".join(shown_names))
 
@@ -327,29 +350,23 @@ def _loadings(read_sheet: Sheet, *, has_again: bool) -> tuple[FloatArray, list[P
     return words, problems
 
 
-def _point_problems(read_sheet: Sheet, robot: Robot, directions: FloatArray) -> list[Problem]:
-    """Return rows whose gauge touches a point that does not move as the TCP along the gauge.
-
-    A point in line with the TCP, such as the bottom of a ball, moves as the TCP does.
-    """
-    if not {*POINT_COLUMNS} <= {*read_sheet.cells}:
-        return []
+def _point_problems(read_sheet: Sheet) -> list[Problem]:
+    """Return missing columns of the gauge's point, and rows with a part of one or a far one."""
+    missing = [name for name in POINT_COLUMNS if name not in read_sheet.cells]
+    if missing:
+        text, valid = f"header: missing {', '.join(missing)}", ", ".join(POINT_COLUMNS)
+        return [Problem(text, valid)] * (len(missing) < len(POINT_COLUMNS))
     points, problems = _numbers(read_sheet, POINT_COLUMNS)
-    q = np.nan_to_num(read_sheet.numbers(joint_columns(robot))) / file_units(robot)
-    lever = np.nan_to_num(robot.lever(q, points / MM_PER_M))
-    unit = np.nan_to_num(directions)
-    unit = unit / np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-12)
-    away = MM_PER_M * np.linalg.norm(np.cross(lever, unit), axis=1)
-    tcp = ", ".join(f"{length:g}" for length in MM_PER_M * robot.tcp_on_flange)
+    most, is_empty = MM_PER_M * LONGEST_M, np.isnan(points)
+    is_wrong = (is_empty & ~is_empty.all(axis=1, keepdims=True)) | (np.abs(points) > most)
     problems += [
         cell_problem(
             read_sheet,
             row,
-            POINT_COLUMNS[0],
-            f"a point in line with the TCP ({tcp}) mm along the gauge, not {away[row]:.3g} mm "
-            "away: give the point that the gauge touches as --tcp",
+            POINT_COLUMNS[int(is_wrong[row].argmax())],
+            f"at most {most:g} mm; three empty cells where the gauge touches the TCP",
         )
-        for row in np.flatnonzero(away > POINT_TOLERANCE)
+        for row in np.flatnonzero(is_wrong.any(axis=1) & (not problems))
     ]
     return problems
 

@@ -33,6 +33,8 @@ ORDER = "order"
 READING = "reading_mm"
 DIRECTION_COLUMNS = ("reading_x", "reading_y", "reading_z")
 """A number that was read, and its direction."""
+POINT_COLUMNS = ("point_x_mm", "point_y_mm", "point_z_mm")
+"""Point of the last link that was read."""
 AFTER_COLUMNS = ("after_dx_mm", "after_dy_mm", "after_dz_mm")
 Criterion = Literal["d-optimal", "i-optimal"]
 """Criterion of a measurement plan, which is the `group` of its rows."""

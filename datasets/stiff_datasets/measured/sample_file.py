@@ -19,6 +19,7 @@ from stiff_datasets.measured.file_options import DEFAULTS, FileOptions
 from stiff_datasets.measured.gauge_columns import (
     directions_of,
     gauge_texts,
+    levers_of,
     without_gauge_columns,
     zero_problems,
 )
@@ -55,6 +56,7 @@ from stiff_datasets.measured.sample_columns import (
     MAX_NUMBER,
     MM_PER_M,
     ORDER,
+    POINT_COLUMNS,
     TORQUE_COLUMNS,
     UNLOADED_COLUMNS,
     WRENCH_COLUMNS,
@@ -218,7 +220,7 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     gauge = without_gauge_columns(sheet, robot, options)
     if gauge.problems:
         return CheckedSamples(gauge.sheet, gauge.problems)
-    further_columns = (*optional_columns(robot), *DIRECTION_COLUMNS)
+    further_columns = (*optional_columns(robot), *DIRECTION_COLUMNS, *POINT_COLUMNS)
     sheet, columns = _with_positions(gauge.sheet, columns, further_columns, options.register)
     sheet = gauge.named(sheet)
     optional = (*ID_COLUMNS, *(TORQUE_COLUMNS if options.no_torque else ()))
@@ -252,14 +254,16 @@ def check_sheet(sheet: Sheet, robot: Robot, options: FileOptions = DEFAULTS) -> 
     if unreadable or (np.abs(deflection_mm) > MAX_NUMBER).any():
         return CheckedSamples(sheet, problems, unfilled=unfilled)
     pose_id, load_id, group = (sheet.cells[name].to_numpy(dtype=str) for name in ID_COLUMNS)
+    q = q_file / file_units(robot)
     samples = Samples(
-        q=q_file / file_units(robot),
+        q=q,
         wrench=wrench,
         deflection=deflection_mm / MM_PER_M,
         pose_id=pose_id,
         load_id=load_id,
         group=group,
         directions=directions,
+        levers=levers_of(sheet, q, robot),
         **further,
     )
     for note in gauge_texts(samples):

@@ -42,6 +42,7 @@ from stiff_datasets.measured.sample_columns import (
     MM_PER_M,
     NAMES,
     ORDER,
+    POINT_COLUMNS,
     READING,
     UNITS,
     WRENCH_COLUMNS,
@@ -246,6 +247,9 @@ def sample_table(samples: Samples, robot: Robot) -> pd.DataFrame:
         columns[name] = in_file_units(samples.q[:, i], units[i])
     columns |= dict(zip(WRENCH_COLUMNS, samples.wrench.T, strict=True))
     columns |= _deflection_cells(samples)
+    if samples.levers.size:
+        points = robot.points(samples.q, samples.levers)
+        columns |= dict(zip(POINT_COLUMNS, in_file_units(points, MM_PER_M).T, strict=True))
     if samples.order.size:
         columns[ORDER] = samples.order
     columns |= {f"approach_q{i}": sign for i, sign in enumerate(samples.approach.T, start=1)}
@@ -258,11 +262,12 @@ def _deflection_cells(samples: Samples) -> dict[str, FloatArray]:
     """Return deflections, mm, empty along axes that were not read; else single readings.
 
     Raises:
-        DataError: a row has several readings along other directions than the axes.
+        DataError: a row has several readings along other directions than the axes, or of another
+            point than the TCP.
     """
     directions, is_read = samples.directions, samples.is_read
     along = (np.abs(directions) > 0.0).sum(axis=2) if directions.size else np.ones(1)
-    if (along <= 1).all():
+    if (along <= 1).all() and not samples.levers.size:
         axes = np.asarray(directions.any(axis=1)) if directions.size else is_read
         lengths = [in_file_units(values, MM_PER_M) for values in samples.deflection.T]
         return {
@@ -270,7 +275,7 @@ def _deflection_cells(samples: Samples) -> dict[str, FloatArray]:
             for name, seen, values in zip(DEFLECTION_COLUMNS, axes.T, lengths, strict=True)
         }
     if directions.shape[1] > 1:
-        raise DataError("several readings of a row along other directions than x, y and z")
+        raise DataError("several readings of a row along other directions, or of other points")
     cells = {READING: in_file_units(samples.values[:, 0], MM_PER_M)}
     return cells | dict(zip(DIRECTION_COLUMNS, directions[:, 0].T, strict=True))
 

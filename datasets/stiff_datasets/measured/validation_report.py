@@ -178,7 +178,8 @@ def validate(
         return ValidationReport(path, tuple(errors), tuple(unfilled))
     if samples.directions.size:
         no_torque = options.no_torque or card.no_torque
-        columns = samples.read(unit_deflections(robot.jacobian(samples.q), samples.wrench))
+        jacobian = robot.jacobian(samples.q)
+        columns = samples.read(unit_deflections(jacobian, samples.wrench, samples.levers))
         findings = [
             *_file_findings(checked, sheet, samples, robot, card, no_torque),
             *_reading_findings(samples, robot, columns),
@@ -278,8 +279,8 @@ def _reading_findings(samples: Samples, robot: Robot, columns: FloatArray) -> It
     if not columns.any():
         yield warning("no wrench turns any joint")
         return
-    is_read, directions = samples.is_read, samples.directions
-    yield from map(warning, unseen_joints_texts(robot, samples.q, samples.wrench, directions))
+    is_read, seen = samples.is_read, (samples.directions, samples.levers)
+    yield from map(warning, unseen_joints_texts(robot, samples.q, samples.wrench, *seen))
     rows, readings = columns[is_read], samples.values[is_read]
     identified = identify(rows, readings, typical_joints(robot), samples.pose_of_number)
     yield from _stiffness_facts(robot, identified, identified.compliance)

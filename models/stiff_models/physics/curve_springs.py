@@ -33,7 +33,12 @@ from stiff_models.physics.vjm import warn_no_masses, warn_unexplained
 from stiff_models.pose_folds import folds_of_poses
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
-from stiff_protocols.kinematics.serial_chain import joint_torque, unit_deflections
+from stiff_protocols.kinematics.serial_chain import (
+    AT_TCP,
+    joint_torque,
+    motion_at,
+    unit_deflections,
+)
 from stiff_protocols.springs.unseen_joints import unseen_columns
 
 SPRINGS_PER_JOINT: Literal[3] = 3
@@ -64,8 +69,9 @@ class CurveSprings(GeometryModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         twists_of = partial(spring_twists, springs=SPRINGS_PER_JOINT)
-        train, robot = self._placed(train, robot, twists_of, unit_deflections)
-        lines = unit_deflections(twists_of(robot, train.q), train.wrench)
+        regressor = partial(unit_deflections, levers=train.levers)
+        train, robot = self._placed(train, robot, twists_of, regressor)
+        lines = regressor(twists_of(robot, train.q), train.wrench)
         if not lines.any():
             raise ModelError("no joint spring can be identified: no wrench turns any joint")
         warn_few_samples(train, lines.shape[2])
@@ -78,7 +84,7 @@ class CurveSprings(GeometryModel):
         moved = train.read(lines @ typical)
         scale = float((moved * train.values).sum() / ((moved**2).sum() or 1.0)) or 1.0
         self.typical_ = scale * typical
-        columns = train.read(self._columns(robot, train.q, train.wrench))
+        columns = train.read(self._columns(robot, train.q, train.wrench, train.levers))
         readings, counts = train.values, train.is_read.sum(axis=1)
 
         def solved(rows: Any, strength: float) -> FloatArray:
@@ -97,8 +103,10 @@ class CurveSprings(GeometryModel):
         }
         warn_unexplained(self.coefficients_, train)
 
-    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return np.asarray(self._columns(robot, q, wrench) @ self.coefficients_)
+    def _deflection(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        return np.asarray(self._columns(robot, q, wrench, levers) @ self.coefficients_)
 
     def _torques(
         self, robot: Robot, q: FloatArray, wrench: FloatArray
@@ -107,16 +115,18 @@ class CurveSprings(GeometryModel):
         unloaded = robot.gravity_torque(q)
         return unloaded, unloaded + joint_torque(robot.jacobian(q), wrench)
 
-    def _columns(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+    def _columns(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray
+    ) -> FloatArray:
         """Return the (n, 3, n_columns) deflection [m] by each part, at a typical compliance.
 
         The lines of all springs come first.
         """
         twists = spring_twists(robot, q, SPRINGS_PER_JOINT)
-        lines = unit_deflections(twists, wrench) * self.typical_
+        lines = unit_deflections(twists, wrench, levers) * self.typical_
         kind = np.array(spring_columns(robot, SPRINGS_PER_JOINT)) % SPRINGS_PER_JOINT
         is_own = kind == SPRINGS_PER_JOINT - 1
-        move = twists[:, :3, is_own] * self.typical_[is_own]
+        move = motion_at(twists, levers)[:, :, is_own] * self.typical_[is_own]
         unloaded, loaded = self._torques(robot, q, wrench)
         parts = [
             *(np.clip(loaded, -end, end) - np.clip(unloaded, -end, end) for end in self.ends_),

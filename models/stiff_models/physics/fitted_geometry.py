@@ -29,6 +29,7 @@ from annotated_types import Gt
 from stiff_models.fitted_model import FittedModel
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import AT_TCP, motion_at
 from stiff_protocols.springs.identification import (
     LEAST_NOISE,
     least_compliance,
@@ -123,8 +124,7 @@ def moved_twists(twists: FloatArray, lever: FloatArray) -> FloatArray:
 
     `lever` (n, 3) leads from the old point to the new point, base frame, m.
     """
-    move, turn = twists[:, :3], twists[:, 3:]
-    return np.concatenate([move + np.cross(turn, lever[:, :, None], axis=1), turn], axis=1)
+    return np.concatenate([motion_at(twists, lever), twists[:, 3:]], axis=1)
 
 
 def fitted_geometry(
@@ -271,6 +271,7 @@ class GeometryModel(FittedModel):
     lever: Lever = "given"
 
     takes_directions: ClassVar[bool] = True
+    takes_levers: ClassVar[bool] = True
     added_later: ClassVar[tuple[str, ...]] = ("tcp", "tcp_sigma_mm", "lever")
     geometry_ = cast("Geometry | None", None)
 
@@ -311,6 +312,17 @@ class GeometryModel(FittedModel):
         robot = replace(self.robot_, tcp=point)
         return self._deflection(robot, q, wrench) if len(q) else np.empty((0, 3))
 
+    def predict_reading(
+        self, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        """Return the (n, 3) deflection [m] of the points of levers; see `StiffnessModel`."""
+        if not levers.size:
+            return self.predict(q, wrench)
+        self._check_point_is_given(levers)
+        q, wrench = self._checked(q, wrench)
+        robot, wrench = self._at_measured_point(q, wrench)
+        return self._deflection(robot, q, wrench, levers)
+
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         robot, wrench = self._at_measured_point(q, wrench)
         return self._deflection(robot, q, wrench)
@@ -321,8 +333,13 @@ class GeometryModel(FittedModel):
             return self.robot_, wrench
         return self.geometry_.robot, self.geometry_.wrench_at_tcp(q, wrench)
 
-    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Return the (n, 3) deflection [m] of a robot's TCP under wrenches at that TCP."""
+    def _deflection(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        """Return the (n, 3) deflection [m] of points under wrenches at a robot's TCP.
+
+        `levers` (n, 3) lead from that TCP to the points, base frame, m; empty: the TCP.
+        """
         raise NotImplementedError
 
     def _placed(
@@ -335,17 +352,25 @@ class GeometryModel(FittedModel):
         """Fit the geometry; return the samples with wrenches at the TCP of the returned robot.
 
         Arguments are the same as for `fitted_geometry`; `twists_of` returns the twists at joint
-        positions.
+        positions. ConfigError: the measured point is to be fitted, but the samples state it.
         """
         self.check_params()
         self.geometry_ = None
         if not self.fits_point:
             return train, robot
+        self._check_point_is_given(train.levers)
         twists = twists_of(robot, train.q)
         self.geometry_ = fitted_geometry(
             train, robot, twists, regressor, moves=self.moves, sigma=self.sigma
         )
         return self.geometry_.samples_at_tcp(train), self.geometry_.robot
+
+    def _check_point_is_given(self, levers: FloatArray) -> None:
+        if levers.size and self.tcp != "given":
+            raise ConfigError(
+                f"tcp={self.tcp!r} fits the measured point, but the samples state the points that "
+                "were read; use tcp='given'"
+            )
 
     def _geometry_report(self) -> dict[str, float]:
         return self.geometry_.report() if self.geometry_ else {}

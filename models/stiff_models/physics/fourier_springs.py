@@ -26,6 +26,7 @@ from stiff_models.physics.curve_springs import LINE_SHARE, best_strength
 from stiff_models.physics.vjm import compliance_regressor, warn_unexplained
 from stiff_protocols.contract.errors import ModelError
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
+from stiff_protocols.kinematics.serial_chain import AT_TCP
 from stiff_protocols.springs.identification import typical_joints
 from stiff_protocols.springs.unseen_joints import unseen_columns
 
@@ -45,9 +46,10 @@ class FourierSprings(FittedModel):
     """
 
     takes_directions: ClassVar[bool] = True
+    takes_levers: ClassVar[bool] = True
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        springs = compliance_regressor(robot, train.q, train.wrench)
+        springs = compliance_regressor(robot, train.q, train.wrench, train.levers)
         if not springs.any():
             raise ModelError("no joint spring can be identified: no wrench turns any joint")
         typical = typical_joints(robot)
@@ -82,11 +84,19 @@ class FourierSprings(FittedModel):
         """Return the (n, 3) deflection [m] of a point of the tool; see `StiffnessModel`."""
         return self._deflection(replace(self.robot_, tcp=point), *self._checked(q, wrench))
 
+    def predict_reading(
+        self, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        """Return the (n, 3) deflection [m] of the points of levers; see `StiffnessModel`."""
+        return self._deflection(self.robot_, *self._checked(q, wrench), levers)
+
     def _predict(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         return self._deflection(self.robot_, q, wrench)
 
-    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        springs = compliance_regressor(robot, q, wrench)
+    def _deflection(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        springs = compliance_regressor(robot, q, wrench, levers)
         return np.asarray((springs @ self.compliance(q)[..., None])[..., 0])
 
 

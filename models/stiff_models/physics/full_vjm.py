@@ -24,7 +24,7 @@ from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.vjm import identify_springs, stiffness_unit, warn_unexplained
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
-from stiff_protocols.kinematics.serial_chain import unit_deflections
+from stiff_protocols.kinematics.serial_chain import AT_TCP, unit_deflections
 from stiff_protocols.springs.identification import (
     RANK_TOLERANCE,
     least_compliance,
@@ -66,8 +66,9 @@ class FullVjm(GeometryModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         twists_of = partial(spring_twists, springs=self.springs)
-        train, robot = self._placed(train, robot, twists_of, unit_deflections)
-        matrix = spring_regressor(robot, train.q, train.wrench, self.springs)
+        regressor = partial(unit_deflections, levers=train.levers)
+        train, robot = self._placed(train, robot, twists_of, regressor)
+        matrix = spring_regressor(robot, train.q, train.wrench, self.springs, train.levers)
         units, typical = spring_units(robot, self.springs), typical_springs(robot, self.springs)
         identified = identify_springs(units, matrix, train, typical)
         n_springs = len(identified.names)
@@ -89,8 +90,10 @@ class FullVjm(GeometryModel):
         warn_few_samples(train, n_springs)
         warn_unexplained(self.compliance_, train)
 
-    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        regressor = spring_regressor(robot, q, wrench, self.springs)
+    def _deflection(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        regressor = spring_regressor(robot, q, wrench, self.springs, levers)
         return np.asarray(regressor @ self.compliance_)
 
 
@@ -131,7 +134,11 @@ def typical_springs(robot: Robot, springs: Springs) -> FloatArray:
 
 
 def spring_regressor(
-    robot: Robot, q: FloatArray, wrench: FloatArray, springs: Springs
+    robot: Robot,
+    q: FloatArray,
+    wrench: FloatArray,
+    springs: Springs,
+    levers: FloatArray = AT_TCP,
 ) -> FloatArray:
     """Return the (n, 3, n_joints * springs) deflection [m] by each spring at unit compliance.
 
@@ -140,8 +147,9 @@ def spring_regressor(
         q: (n, n_joints) joint positions, rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
         springs: virtual springs per joint.
+        levers: (n, 3) as `Samples.levers`.
     """
-    return unit_deflections(spring_twists(robot, q, springs), wrench)
+    return unit_deflections(spring_twists(robot, q, springs), wrench, levers)
 
 
 def spring_twists(robot: Robot, q: FloatArray, springs: Springs) -> FloatArray:

@@ -32,7 +32,7 @@ from stiff_models.physics.vjm import (
 )
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import FloatArray, IntArray, Robot, Samples
-from stiff_protocols.kinematics.serial_chain import joint_torque
+from stiff_protocols.kinematics.serial_chain import AT_TCP, joint_torque, motion_at
 from stiff_protocols.springs.identification import spring_key, typical_joints
 
 MAX_SWEEPS = 20
@@ -144,8 +144,10 @@ class MultiSegmentVjm(GeometryModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         self.check_robot(robot)
-        train, robot = self._placed(train, robot, Robot.jacobian, self._regressor(robot, train.q))
-        loaded = _loaded_joints(robot, train.q, train.wrench, gravity=self.gravity)
+        regressor = self._regressor(robot, train.q, train.levers)
+        train, robot = self._placed(train, robot, Robot.jacobian, regressor)
+        at = robot, train.q, train.wrench, train.levers
+        loaded = _loaded_joints(*at, gravity=self.gravity)
         self.breakpoints_ = self._breakpoints(loaded, train)
         if self.gravity:
             warn_no_masses(robot)
@@ -164,15 +166,18 @@ class MultiSegmentVjm(GeometryModel):
         warn_unidentifiable(identified)
         warn_unexplained(identified.compliance, train)
 
-    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        loaded = _loaded_joints(robot, q, wrench, gravity=self.gravity)
+    def _deflection(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        loaded = _loaded_joints(robot, q, wrench, levers, gravity=self.gravity)
         return np.asarray(np.einsum("nkis,is->nk", loaded.effects(self.breakpoints_), self.slopes_))
 
-    def _regressor(self, robot: Robot, q: FloatArray) -> Regressor:
+    def _regressor(self, robot: Robot, q: FloatArray, levers: FloatArray) -> Regressor:
         preload = robot.gravity_torque(q) if self.gravity else np.zeros((len(q), robot.n_joints))
 
         def regressor(twists: FloatArray, wrench: FloatArray) -> FloatArray:
-            loaded = _LoadedJoints(twists[:, :3], preload, preload + joint_torque(twists, wrench))
+            torque = preload + joint_torque(twists, wrench)
+            loaded = _LoadedJoints(motion_at(twists, levers), preload, torque)
             return loaded.effects(self._usual_breakpoints(loaded)).reshape(len(q), 3, -1)
 
         return regressor
@@ -215,7 +220,10 @@ def segment_torques(torque: FloatArray, breakpoints: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _LoadedJoints:
-    """J_v (n, 3, n_joints), m/rad, and the joints' torques without the load and with it, N m."""
+    """J_v (n, 3, n_joints) of the points that were read, m/rad, and the joints' torques.
+
+    Torques [N m] are without the load and with it.
+    """
 
     move: FloatArray
     preload: FloatArray
@@ -236,12 +244,12 @@ class _LoadedJoints:
 
 
 def _loaded_joints(
-    robot: Robot, q: FloatArray, wrench: FloatArray, *, gravity: bool
+    robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray, *, gravity: bool
 ) -> _LoadedJoints:
     rows = robot.jacobian(q)
     load = joint_torque(rows, wrench)
     preload = robot.gravity_torque(q) if gravity else np.zeros_like(load)
-    return _LoadedJoints(rows[:, :3], preload, preload + load)
+    return _LoadedJoints(motion_at(rows, levers), preload, preload + load)
 
 
 def _parsed(text: str, segments: int) -> list[list[float]]:

@@ -11,14 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
+
+import numpy as np
 
 from stiff_models.fitted_model import FittedModel
 from stiff_models.model_catalog import SpringModel, model_info
 from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import FloatArray, Robot, Samples
-from stiff_protocols.kinematics.serial_chain import unit_deflections
+from stiff_protocols.kinematics.serial_chain import AT_TCP, unit_deflections
 from stiff_protocols.springs.identification import IdentifiedSprings, identify, typical_joints
 
 
@@ -61,14 +64,16 @@ def stiffness_unit(kind: str) -> str:
     return "Nm/rad" if kind == "revolute" else "N/m"
 
 
-def compliance_regressor(robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+def compliance_regressor(
+    robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+) -> FloatArray:
     """Return the (n, 3, n_joints) deflection [m] by each joint at unit compliance."""
-    return unit_deflections(robot.jacobian(q), wrench)
+    return unit_deflections(robot.jacobian(q), wrench, levers)
 
 
 def identify_joints(robot: Robot, samples: Samples) -> IdentifiedSprings:
     """Identify one spring per joint; ModelError if no joint can be identified."""
-    matrix = compliance_regressor(robot, samples.q, samples.wrench)
+    matrix = compliance_regressor(robot, samples.q, samples.wrench, samples.levers)
     springs = dict(zip(robot.joint_names, map(stiffness_unit, robot.joint_types), strict=True))
     typical = typical_joints(robot)
     return identify_springs(springs, matrix, samples, typical)
@@ -86,13 +91,19 @@ class VirtualJointModel(GeometryModel):
     """
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
-        train, robot = self._placed(train, robot, Robot.jacobian, unit_deflections)
+        regressor = partial(unit_deflections, levers=train.levers)
+        train, robot = self._placed(train, robot, Robot.jacobian, regressor)
         self.springs_ = identify_joints(robot, train)
         self.diagnostics_ = self.springs_.report() | self._geometry_report()
         warn_unidentifiable(self.springs_)
         warn_unexplained(self.springs_.compliance, train)
 
-    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
+    def _deflection(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        if levers.size:
+            springs = compliance_regressor(robot, q, wrench, levers)
+            return np.asarray(springs @ self.springs_.compliance)
         return robot.joint_deflection(self.springs_.compliance, q, wrench)
 
 

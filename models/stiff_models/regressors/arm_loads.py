@@ -26,6 +26,7 @@ from stiff_protocols.contract.types import (
     Samples,
     read_along,
 )
+from stiff_protocols.kinematics.serial_chain import motion_at
 
 OWN_AXIS = 2
 """Number of a joint's own spring among its six; 0 and 1 are across it, 3 to 5 of the other kind."""
@@ -131,6 +132,7 @@ class ArmLoads:
             which each joint came; empty: not stated.
         directions: (n, m, 3) as `Samples.directions`; empty: x, y and z. Where it is stated,
             columns are (n, m, p) readings.
+        levers: (n, 3) as `Samples.levers`.
     """
 
     q: FloatArray
@@ -145,6 +147,7 @@ class ArmLoads:
     order: FloatArray = field(default_factory=lambda: np.empty(0))
     approach: FloatArray = field(default_factory=lambda: np.empty(0))
     directions: FloatArray = field(default_factory=lambda: np.empty(0))
+    levers: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def of(cls, robot: Robot, q: FloatArray, wrench: FloatArray, rig: Rig) -> Self:
@@ -164,8 +167,8 @@ class ArmLoads:
 
     @cached_property
     def move(self) -> FloatArray:
-        """(n, 3, n_joints + 1, 6) motion of the TCP, as read, by a unit motion of each spring."""
-        return self.read(self.twist[:, :3])
+        """(n, 3, n_joints + 1, 6) motion, as read, by a unit motion of each spring."""
+        return self.read(motion_at(self.twist, self.levers))
 
     def read(self, displacement: FloatArray) -> FloatArray:
         """Return the (n, m, ...) readings [m] of (n, 3, ...) displacements."""
@@ -195,7 +198,7 @@ class ArmLoads:
     def compliance(self, sizes: Sizes) -> FloatArray:
         """Return the (n, 3, 6) compliance of the identified linear springs, as read."""
         twist = self.twist.reshape(*self.twist.shape[:2], -1)
-        move = self.read(twist[:, :3])
+        move = self.read(motion_at(twist, self.levers))
         return np.asarray((move * sizes.springs.ravel()) @ twist.swapaxes(1, 2))
 
 

@@ -43,7 +43,7 @@ from stiff_models.regressors.spring_groups import (
 )
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import AXES, FloatArray, Robot, Samples, smallest_vectors
-from stiff_protocols.kinematics.serial_chain import unit_deflections
+from stiff_protocols.kinematics.serial_chain import AT_TCP, unit_deflections
 from stiff_protocols.springs.identification import CONTRIBUTION, number_with_interval
 from stiff_protocols.springs.unseen_joints import unseen_columns
 
@@ -122,7 +122,8 @@ class BayesSprings(NormalModel, GeometryModel):
 
     def _fit(self, train: Samples, robot: Robot, validation: Samples | None, seed: int) -> None:
         twists_of = partial(spring_twists, springs=3)
-        train, robot = self._placed(train, robot, twists_of, unit_deflections)
+        regressor = partial(unit_deflections, levers=train.levers)
+        train, robot = self._placed(train, robot, twists_of, regressor)
         warn_no_masses(robot)
         self.sizes_ = Sizes.of(robot, train)
         self.rig_ = Rig.perfect(robot.n_joints)
@@ -170,14 +171,13 @@ class BayesSprings(NormalModel, GeometryModel):
         `means` are the groups' coefficients; none before the first round.
         """
         loads = ArmLoads.of(robot, train.q, train.wrench, self.rig_)
-        loads = replace(
-            loads, order=train.order, approach=train.approach, directions=train.directions
-        )
+        seen = partial(replace, directions=train.directions, levers=train.levers)
+        loads = seen(loads, order=train.order, approach=train.approach)
         slopes = np.zeros((*train.is_read.shape, robot.n_joints))
         if means:
             heavier = replace(self.rig_, weight_factor=self.rig_.weight_factor + WEIGHT_STEP)
             moved = ArmLoads.of(robot, train.q, train.wrench, heavier)
-            moved = replace(moved, directions=train.directions)
+            moved = seen(moved)
             for group, coefficients in means.items():
                 if isinstance(group, LostMotion):
                     first, second = (group.columns(of, self.sizes_) for of in (loads, moved))
@@ -280,23 +280,35 @@ class BayesSprings(NormalModel, GeometryModel):
             self.coefficients_[unseen], self.root_[unseen] = usual[unseen], 0.0
             self.root_ = np.hstack([self.root_, np.diag(usual)[:, unseen]])
 
-    def predict_reading(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+    def predict_reading(
+        self, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
         """Return the (n, 3) deflection [m] that the training samples' rig would read.
 
-        Arguments and errors are the same as for `predict`.
+        Arguments and errors are the same as for `predict`; `levers` as in `StiffnessModel`.
         """
+        self._check_point_is_given(levers)
         q, wrench = self._checked(q, wrench)
         robot, wrench = self._at_measured_point(q, wrench)
-        return self._mean(robot, q, wrench, self.rig_)
+        return self._mean(robot, q, wrench, self.rig_, levers)
 
-    def _deflection(self, robot: Robot, q: FloatArray, wrench: FloatArray) -> FloatArray:
-        return self._mean(robot, q, wrench, self.rig_.without_errors)
+    def _deflection(
+        self, robot: Robot, q: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+    ) -> FloatArray:
+        return self._mean(robot, q, wrench, self.rig_.without_errors, levers)
 
-    def _mean(self, robot: Robot, q: FloatArray, wrench: FloatArray, rig: Rig) -> FloatArray:
+    def _mean(
+        self,
+        robot: Robot,
+        q: FloatArray,
+        wrench: FloatArray,
+        rig: Rig,
+        levers: FloatArray = AT_TCP,
+    ) -> FloatArray:
         mean = np.empty((len(q), 3))
         for first in range(0, len(q), ROWS):
             rows = slice(first, first + ROWS)
-            loads = ArmLoads.of(robot, q[rows], wrench[rows], rig)
+            loads = replace(ArmLoads.of(robot, q[rows], wrench[rows], rig), levers=levers[rows])
             mean[rows] = self._columns(loads) @ self.coefficients_
         return mean
 

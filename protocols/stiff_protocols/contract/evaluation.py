@@ -33,6 +33,7 @@ class FitInput:
         robot: measured robot.
         q, wrench: (n, n_joints) rad or m and (n, 6) N and N m of the reported rows, as given to the
             model.
+        levers: (n, 3) of the reported rows as `Samples.levers`; empty: they were read at the TCP.
         seed: seed of the model.
         coverage: nominal coverage of its intervals; None: no intervals.
         source: data of another robot or specimen to learn from; None: no such data.
@@ -48,6 +49,7 @@ class FitInput:
     robot: Robot
     q: FloatArray
     wrench: FloatArray
+    levers: FloatArray
     seed: int
     coverage: float | None
     source: BenchmarkData | None
@@ -99,6 +101,7 @@ class Evaluation:
             robot=self.data.robot,
             q=samples.q[self.split.reported],
             wrench=self.split.told_wrench(samples),
+            levers=samples.levers[self.split.reported] if samples.levers.size else samples.levers,
             seed=seed,
             coverage=coverage,
             source=self.source and self.source.without_truth(),

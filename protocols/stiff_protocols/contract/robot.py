@@ -232,6 +232,11 @@ class Robot(ShownObject, SerialChain):
         turned = self.forward(q).rotation @ np.atleast_2d(from_tcp)[..., None]
         return np.asarray(turned[..., 0])
 
+    def points(self, q: FloatArray, lever: FloatArray) -> FloatArray:
+        """Return the (n, 3) points of the last link to which (n, 3) vectors of `lever` lead, m."""
+        from_tcp = np.einsum("nji,nj->ni", self.forward(q).rotation, lever)
+        return np.asarray((self.tcp + from_tcp - self.flange[:3, 3]) @ self.flange[:3, :3])
+
     @property
     def joints_text(self) -> str:
         """Name, number of joints and held joints in a line."""

@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
 from stiff_protocols.contract.errors import ConfigError
 from stiff_protocols.contract.types import (
     BenchmarkData,
@@ -41,9 +43,12 @@ class StiffnessModel:
         best_params_: option -> value chosen in the fit.
         takes_directions: true for a model that learns from `Samples.directions`; others are not
             given such samples.
+        takes_levers: true for one that learns from `Samples.levers`, too, and whose
+            `predict_reading` takes them as a third argument.
     """
 
     takes_directions: ClassVar[bool] = False
+    takes_levers: ClassVar[bool] = False
 
     diagnostics_: dict[str, float]
     springs_: Any
@@ -232,11 +237,11 @@ MODELS_OF_READINGS = (
     "vjm-full",
     "vjm-multisegment",
 )
-"""Keys of the shipped models with `takes_directions`."""
+"""Keys of the shipped models with `takes_directions` and `takes_levers`."""
 
 
 def check_readings(model: object, samples: Samples) -> None:
-    """Raise ConfigError if samples were read along directions that a model cannot learn from."""
+    """Raise ConfigError if a model cannot learn from the samples' directions, or their levers."""
     if samples.directions.size and not getattr(model, "takes_directions", False):
         numbers = samples.is_read.sum(axis=1)
         few, most = int(numbers.min()), int(numbers.max())
@@ -246,6 +251,39 @@ def check_readings(model: object, samples: Samples) -> None:
             f"{count} number{'s' * (most > 1)} a row, each along a direction of its own (valid: "
             f"{', '.join(MODELS_OF_READINGS)})"
         )
+    _check_levers(model, samples.levers)
+
+
+def predicted_readings(
+    model: object, q: FloatArray, wrench: FloatArray, levers: FloatArray
+) -> FloatArray:
+    """Return the (n, 3) deflections [m] of `predict_reading` at the points of `Samples.levers`.
+
+    Raises:
+        ConfigError: the model predicts at the TCP only.
+    """
+    _check_levers(model, levers)
+    at = (levers,) if levers.size else ()
+    return np.asarray(optional(model, "predict_reading")(q, wrench, *at))
+
+
+def _check_levers(model: object, levers: FloatArray) -> None:
+    if levers.size and not getattr(model, "takes_levers", False):
+        raise ConfigError(
+            f"{type(model).__name__} knows deflections of the TCP; these samples were read at "
+            f"other points (valid: {', '.join(MODELS_OF_READINGS)})"
+        )
+
+
+def interval_at_points(
+    model: StiffnessModel, interval: Interval, q: FloatArray, wrench: FloatArray, levers: FloatArray
+) -> Interval:
+    """Return an interval about `predict`, moved to the points of levers; its width stays."""
+    if not levers.size:
+        return interval
+    at_tcp = optional(model, "predict_reading")(q, wrench)
+    shift = predicted_readings(model, q, wrench, levers) - at_tcp
+    return Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
 
 
 def interval_at_tcp(

@@ -85,6 +85,8 @@ class Samples(ShownObject):
         directions: (n, m, 3) unit vectors, base frame, along which one to three numbers were read,
             and zero vectors in rows with fewer than m; `deflection` is then the smallest vector
             with these `values`. Empty: x, y and z.
+        levers: (n, 3) from the TCP to the point whose displacement was read along `directions`, m,
+            base frame; empty: the TCP's was. The wrench is at the TCP all the same.
     """
 
     q: FloatArray
@@ -98,6 +100,7 @@ class Samples(ShownObject):
     approach: FloatArray = field(default_factory=_not_stated, metadata=_WHERE_STATED)
     after: FloatArray = field(default_factory=_not_stated, metadata=_WHERE_STATED)
     directions: FloatArray = field(default_factory=_not_stated, metadata=_WHERE_STATED)
+    levers: FloatArray = field(default_factory=_not_stated, metadata=_WHERE_STATED)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.instrument_noise < np.inf:
@@ -121,12 +124,15 @@ class Samples(ShownObject):
             "approach": (n, self.q.shape[1]),
             "after": (n, 3),
             "directions": (n, None, 3),
+            "levers": (n, 3),
         }
         for name, shape in shapes.items():
             freeze(self, **{name: shape if np.size(getattr(self, name)) else (0,)})
         if not np.isin(self.approach, (-1.0, 0.0, 1.0)).all():
             raise DataError("approach holds other numbers than 1, -1 and 0")
         if not self.directions.size:
+            if self.levers.size:
+                raise DataError("levers without directions: nothing was read at their points")
             return
         lengths, is_read = np.linalg.norm(self.directions, axis=2), self.is_read
         if (is_read & (np.abs(lengths - 1.0) > _UNIT_LENGTH_TOLERANCE)).any():
@@ -203,12 +209,20 @@ class Samples(ShownObject):
     def together(cls, *parts: Samples) -> Self:
         """Return the samples of all parts, in their order, with their largest noise.
 
-        What one of them does not state is left out; directions are padded to one shape.
+        What one of them does not state is left out; directions are padded to one shape, and parts
+        without levers were read at the TCP.
         """
         parts = tuple(part for part in parts if len(part)) or parts[:1]
         most = max(part.is_read.shape[1] for part in parts)
         if any(part.directions.size for part in parts):
             parts = tuple(replace(part, directions=_padded(part, most)) for part in parts)
+        if any(part.levers.size for part in parts):
+            levers = (
+                part.levers if part.levers.size else np.zeros((len(part), 3)) for part in parts
+            )
+            parts = tuple(
+                replace(part, levers=of_part) for part, of_part in zip(parts, levers, strict=True)
+            )
         names = [n for n in parts[0].columns if all(n in part.columns for part in parts)]
         columns = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
         return cls(**columns, instrument_noise=max(part.instrument_noise for part in parts))
@@ -216,7 +230,7 @@ class Samples(ShownObject):
 
 _COLUMNS = ("q", "wrench", "deflection", "pose_id", "load_id", "group")
 """Fields of `Samples` with a row per sample that are always stated."""
-_OPTIONAL = ("order", "approach", "after", "directions")
+_OPTIONAL = ("order", "approach", "after", "directions", "levers")
 """Those that a file may state."""
 
 
@@ -425,6 +439,8 @@ class BenchmarkData(ShownObject):
             for name, array in self.bound_deflections.items()
         }
         object.__setattr__(self, "bound_deflections", bounds)
+        if bounds and self.samples.levers.size:
+            raise DataError("the truth of a simulation is of the TCP, not of points of levers")
         if self.paths is not None:
             q, wrench = self.paths
             q = frozen_array(q, "paths", (None, self.robot.n_joints))

@@ -33,6 +33,8 @@ LARGEST_TURN = 0.3
 """rad or m, of a joint in one Newton step."""
 LENGTH = 0.5
 """m that count as 1 rad in the damping and the condition of a Jacobian."""
+AT_TCP = np.empty(0)
+"""Levers of points that are the TCP."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,10 +224,24 @@ def joint_torque(rows: FloatArray, wrench: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("nki,nk->ni", rows, wrench))
 
 
-def unit_deflections(rows: FloatArray, wrench: FloatArray) -> FloatArray:
+def motion_at(rows: FloatArray, levers: FloatArray = AT_TCP) -> FloatArray:
+    """Return the (n, 3, ...) motions of points of the last link by (n, 6, ...) twists of the TCP.
+
+    `levers` (n, 3) lead from the TCP to the points, base frame, m: v + omega x lever.
+    """
+    if not levers.size:
+        return rows[:, :3]
+    arms = levers.reshape(len(levers), 3, *[1] * (rows.ndim - 2))
+    return np.asarray(rows[:, :3] + np.cross(rows[:, 3:], arms, axis=1))
+
+
+def unit_deflections(
+    rows: FloatArray, wrench: FloatArray, levers: FloatArray = AT_TCP
+) -> FloatArray:
     """Return the deflection by each single spring at unit compliance: J_v,s (J_s^T w).
 
     `rows` (n, 6, n_springs) is the twist of the TCP by a unit turn (or slide) of each spring; the
-    result (n, 3, n_springs) is in m for a compliance of 1 rad/(N m), or m/N for a slide.
+    result (n, 3, n_springs) is in m for a compliance of 1 rad/(N m), or m/N for a slide. It is the
+    displacement of the points of `motion_at`; the wrench is at the TCP.
     """
-    return np.asarray(rows[:, :3] * joint_torque(rows, wrench)[:, None, :])
+    return np.asarray(motion_at(rows, levers) * joint_torque(rows, wrench)[:, None, :])

@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 
 from stiff_protocols.contract.errors import ModelError, NotFittedError, TooFewToCalibrate
-from stiff_protocols.contract.stiffness_model import StiffnessModel
+from stiff_protocols.contract.stiffness_model import StiffnessModel, predicted_readings
 from stiff_protocols.contract.training_range import TrainingRange
 from stiff_protocols.contract.types import (
     AXES,
@@ -82,10 +82,14 @@ class SplitConformal(StiffnessModel):
         shuffled = np.random.default_rng(seed).permutation(part.validation)
         _, one_a_pose = np.unique(train.pose_id[shuffled], return_index=True)
         calibration = train.take(shuffled[one_a_pose])
-        error = np.abs(self.predict(calibration.q, calibration.wrench) - calibration.deflection)
+        predicted = self.predict(calibration.q, calibration.wrench)
+        if calibration.levers.size:
+            loads = calibration.q, calibration.wrench, calibration.levers
+            predicted = predicted_readings(self.model_, *loads)
+        error = np.abs(predicted - calibration.deflection)
         if calibration.directions.size:  # an axis may err as much as a reading
-            predicted = calibration.read(self.predict(calibration.q, calibration.wrench))
-            largest = np.abs(predicted - calibration.values).max(axis=1, keepdims=True)
+            read = calibration.read(predicted) - calibration.values
+            largest = np.abs(read).max(axis=1, keepdims=True)
             error = np.repeat(largest, len(AXES), axis=1)
         stretch = self.training_range_.stretch(calibration.q, calibration.wrench)
         self.residuals_ = error / stretch[:, None]

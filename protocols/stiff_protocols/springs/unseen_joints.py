@@ -12,7 +12,7 @@ import numpy as np
 from stiff_protocols.contract.arrays import BoolArray, FloatArray
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.types import read_along
-from stiff_protocols.kinematics.serial_chain import unit_deflections
+from stiff_protocols.kinematics.serial_chain import AT_TCP, unit_deflections
 from stiff_protocols.springs.identification import LEAST_LEVER, RANK_TOLERANCE
 
 LEAST_SHARE = 1e-3
@@ -20,7 +20,11 @@ LEAST_SHARE = 1e-3
 
 
 def unseen_joints_texts(
-    robot: Robot, q: FloatArray, wrench: FloatArray, directions: FloatArray
+    robot: Robot,
+    q: FloatArray,
+    wrench: FloatArray,
+    directions: FloatArray,
+    levers: FloatArray = AT_TCP,
 ) -> list[str]:
     """Return a text on joints that no load turns, and one on joints whose turn is not read.
 
@@ -31,13 +35,15 @@ def unseen_joints_texts(
         q: (n, n_joints) joint positions, rad or m.
         wrench: (n, 6) N and N m at the TCP, base frame.
         directions: (n, m, 3) as `Samples.directions`; empty: x, y and z.
+        levers: (n, 3) as `Samples.levers`.
     """
     jacobian = robot.jacobian(q)
     lever = np.linalg.norm(jacobian[:, :3], axis=1).max(axis=0)
     matters = ~robot.turns | (lever > LEAST_LEVER * float(lever[robot.turns].max(initial=0.0)))
     moved = unit_deflections(jacobian, wrench)  # (n, 3, n_joints)
     is_turned = ~unseen_columns(moved, LEAST_SHARE)
-    is_read = ~unseen_columns(read_along(directions, moved), LEAST_SHARE)
+    read_columns = read_along(directions, unit_deflections(jacobian, wrench, levers))
+    is_read = ~unseen_columns(read_columns, LEAST_SHARE)
     texts = []
     if unloaded := _names(robot, matters & ~is_turned):
         is_vertical = not np.linalg.norm(wrench[:, :2], axis=1).any()

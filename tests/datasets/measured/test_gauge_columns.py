@@ -12,9 +12,11 @@ from stiff_bench.api.data_sets import Dataset, read_samples
 from stiff_bench.api.measuring import validate
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
+from stiff_protocols.contract.types import BenchmarkData
 
 pytestmark = pytest.mark.filterwarnings("ignore::stiff_protocols.contract.errors.StiffBenchWarning")
 N = 8
+POINT = {"point_x_mm": 60.0, "point_y_mm": 30.0, "point_z_mm": 80.0}  # 30 mm from the TCP
 
 
 @pytest.fixture
@@ -141,7 +143,10 @@ def test_a_column_of_zeros_is_refused(tmp_path, kr10, twin, columns):
         ({"pull_N": 5.0}, ("pull_x", "missing")),
         ({"loading": "third"}, ("row 2", "loading", "first, second, mean")),
         ({"loading": "second", "reading0_mm": 0.0}, ()),
-        ({"point_x_mm": 200.0, "point_y_mm": 0.0, "point_z_mm": 0.0}, ("point_x_mm", "--tcp")),
+        ({"point_x_mm": 20.0}, ("missing point_y_mm, point_z_mm",)),
+        ({**POINT, "point_y_mm": [None, *[1.0] * (N - 1)]}, ("row 2", "point_y_mm", "empty")),
+        ({**POINT, "point_x_mm": 2e5}, ("row 2", "point_x_mm", "100000 mm")),
+        ({**POINT, "point_z_mm": "0.1.2"}, ("row 2", "point_z_mm", "finite number")),
     ],
 )
 def test_a_wrong_cell_is_named_with_its_row_and_column(changed, words, tmp_path, columns, kr10):
@@ -150,6 +155,66 @@ def test_a_wrong_cell_is_named_with_its_row_and_column(changed, words, tmp_path,
         return
     text = refusal(tmp_path, columns | changed, kr10)
     assert all(word in text for word in words), text
+
+
+def test_the_point_that_the_gauge_touches_is_a_lever_from_the_tcp(tmp_path, columns, kr10):
+    x = np.where(np.arange(N) == 3, np.nan, 60.0)  # no point: the TCP
+    samples = read(
+        tmp_path,
+        columns
+        | POINT
+        | {"point_x_mm": x + 5.0 * np.arange(N)}
+        | {
+            name: np.where(np.isnan(x), np.nan, POINT[name])
+            for name in ("point_y_mm", "point_z_mm")
+        },
+        kr10,
+    )
+    at_tcp = read(tmp_path, columns, kr10)
+    assert at_tcp.levers.size == 0
+    for row, lever in enumerate(samples.levers):
+        point = [0.06 + 0.005 * row, 0.03, 0.08] if row != 3 else kr10.tcp_on_flange
+        arm = replace(kr10, tcp=kr10.flange[:3, :3] @ point + kr10.flange[:3, 3])
+        q = samples.q[[row]]
+        np.testing.assert_allclose(
+            lever, (arm.tcp_position(q) - kr10.tcp_position(q))[0], atol=1e-9
+        )
+    np.testing.assert_array_equal(samples.wrench, at_tcp.wrench)
+    np.testing.assert_array_equal(samples.values, at_tcp.values)
+    empty = columns | dict.fromkeys(POINT, "")
+    assert BenchmarkData(read(tmp_path, empty, kr10), kr10).sha256 == (
+        BenchmarkData(at_tcp, kr10).sha256
+    )
+
+
+def test_readings_of_a_point_are_exported_with_it(tmp_path, columns, kr10):
+    samples = read(tmp_path, columns | POINT, kr10)
+    frame = Dataset.from_samples(samples, kr10).frame()
+    np.testing.assert_allclose(frame[[*POINT]], np.tile([*POINT.values()], (N, 1)), atol=1e-5)
+    again = Dataset.from_frame(frame, kr10).samples
+    np.testing.assert_array_equal(again.levers, samples.levers)
+    np.testing.assert_allclose(again.values, samples.values, atol=1e-15)
+    three = replace(samples, directions=np.tile(np.eye(3), (N, 1, 1)))
+    with pytest.raises(DataError, match="several readings"):
+        Dataset.from_samples(three, kr10).frame()
+
+
+def test_states_of_one_pose_are_joined_point_by_point(tmp_path, columns, kr10):
+    columns |= {"reading_y": 0.0, "reading_z": 1.0}
+    table = pd.concat([pd.DataFrame(columns | POINT | {"point_x_mm": x}) for x in (60.0, 90.0)])
+    table = table.assign(pose_id=[f"P{i % N}" for i in range(2 * N)], load_id=np.arange(2 * N))
+    unloaded = table.assign(state="unloaded", reading_mm=table["point_x_mm"])
+    loaded = table.assign(state="loaded", reading_mm=table["reading_mm"] + table["point_x_mm"])
+    samples = read(tmp_path, pd.concat([unloaded, loaded]), kr10)
+    expected = read(tmp_path, table, kr10)
+    np.testing.assert_allclose(samples.values, expected.values, atol=1e-12)
+    np.testing.assert_array_equal(samples.levers, expected.levers)
+
+
+def test_a_point_without_a_reading_is_refused(tmp_path, kr10, twin):
+    frame = Dataset.from_samples(twin.samples.take(np.arange(N)), kr10).frame()
+    text = refusal(tmp_path, frame.assign(**POINT), kr10)
+    assert "point_x_mm" in text and "--tcp" in text
 
 
 def test_a_plan_of_readings_without_readings_is_not_filled_in(tmp_path, columns, kr10):
@@ -179,3 +244,6 @@ def test_validate_reports_on_readings_and_names_joints_that_no_weight_turns(
     assert report.verdict == "suspicious"
     assert any("no load turns A1" in finding.message for finding in report.warnings)
     assert any("along x 0, y 4, z 4" in finding.message for finding in report.facts)
+    pd.DataFrame(columns | POINT).to_csv(file, index=False)
+    facts = [finding.message for finding in validate(file, robot=kr10).facts]
+    assert any("points 30 to 30 mm from the TCP" in message for message in facts)

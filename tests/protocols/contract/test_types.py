@@ -33,6 +33,8 @@ def make(**changes) -> Samples:
         ({"directions": np.full((2, 1, 3), 1.0)}, "length is not 1"),
         ({"directions": np.eye(3)[[[0], [1]]]}, "a part outside its directions"),
         ({"directions": np.eye(3)[[[0, 0], [0, 1]]]}, "several numbers along one direction"),
+        ({"levers": np.ones((2, 3))}, "levers without directions"),
+        ({"levers": np.ones((2, 6)), "directions": np.tile(np.eye(3), (2, 1, 1))}, "levers has"),
     ],
 )
 def test_wrong_shapes_and_values_are_refused_by_name(changes, message):
@@ -104,6 +106,19 @@ def test_samples_together_state_what_each_of_them_states():
     without = replace(make(), directions=STATED["directions"])
     assert Samples.together(stated, without).order.size == 0
     np.testing.assert_array_equal(Samples.together(stated, make()).values[2:], make().deflection)
+
+
+def test_levers_stay_with_their_rows_and_are_hashed_and_other_rows_were_read_at_the_tcp(kr10):
+    at_tcp = make(directions=STATED["directions"])
+    samples = replace(at_tcp, levers=[[0.1, 0.0, 0.0], [0.0, 0.2, 0.0]])
+    assert BenchmarkData(samples, kr10).sha256 != BenchmarkData(at_tcp, kr10).sha256
+    with pytest.raises(DataError, match="of the TCP"):
+        BenchmarkData(samples, kr10, {"truth": np.zeros((2, 3))})
+    assert samples.take(np.array([1])).levers.tolist() == [[0.0, 0.2, 0.0]]
+    for other_part in (at_tcp, make()):  # two or three numbers a row
+        np.testing.assert_array_equal(
+            Samples.together(other_part, samples).levers, [*np.zeros((2, 3)), *samples.levers]
+        )
 
 
 def test_a_reading_along_one_direction_is_its_value_along_it(rng):

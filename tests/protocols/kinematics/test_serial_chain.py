@@ -10,6 +10,7 @@ import pytest
 
 from helpers.made_robots import random_chain
 from stiff_protocols.contract.errors import DataError
+from stiff_protocols.kinematics.serial_chain import unit_deflections
 from stiff_protocols.kinematics.straight_line import CHUNK
 
 JOINTS = {
@@ -53,6 +54,25 @@ def test_joints_and_tcp_are_where_pinocchio_puts_them(chain):
         truth = [*(place.translation for place in places), places[-1].act(robot.tcp)]
         np.testing.assert_allclose(points, truth, atol=1e-12)
         np.testing.assert_allclose(rotations, [place.rotation for place in places], atol=1e-12)
+
+
+def test_points_of_the_last_link_move_as_pinocchio_moves_them_under_a_wrench_at_the_tcp(chain, rng):
+    robot, q, model = chain
+    data, step = model.createData(), 1e-6
+    compliance, wrench = rng.uniform(1.0, 2.0, robot.n_joints), rng.normal(size=(len(q), 6))
+    offsets = rng.normal(size=(len(q), 3))  # from the TCP, last joint's frame
+    levers = np.einsum("nij,nj->ni", robot.forward(q).rotation, offsets)
+    moved = unit_deflections(robot.jacobian(q), wrench, levers) @ compliance
+    for position, load, offset, deflection in zip(q, wrench, offsets, moved, strict=True):
+        pin.computeJointJacobians(model, data, position)
+        tcp = pin.SE3(np.eye(3), robot.tcp)
+        rows = pin.getFrameJacobian(model, data, robot.n_joints, tcp, pin.LOCAL_WORLD_ALIGNED)
+        turn, places = step * compliance * (rows.T @ load), []
+        for sign in (1.0, -1.0):
+            pin.forwardKinematics(model, data, position + sign * turn)
+            places.append(data.oMi[robot.n_joints].act(robot.tcp + offset))
+        truth = (places[0] - places[1]) / (2.0 * step)
+        np.testing.assert_allclose(deflection, truth, atol=1e-6 * max(1.0, np.abs(truth).max()))
 
 
 def test_gravity_torque_is_what_pinocchios_drives_balance(chain):
