@@ -24,6 +24,7 @@ from stiff_bench.plan.registry import registry, use_only
 from stiff_bench.results.columns import BEST, LIKE_BEST, VERDICT_TEXTS
 from stiff_bench.results.comparison import VERDICTS
 from stiff_bench.run.execution import compute_fit
+from stiff_bench.submissions.sealed_fit import why_not_sealed
 from stiff_datasets.measured.table_reader import sample_table
 from stiff_protocols.protocol_catalog import PROTOCOLS
 from stiff_protocols.scoring.metrics import METRICS
@@ -35,11 +36,12 @@ BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LOADED = re.compile(r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?((?:https?:)?//[^\" >]+)")
 
 
-PAGES = (TOP / "README.md", *sorted(DOCS.rglob("*.md")))
+AGENTS = TOP / "AGENTS.md"
+PAGES = (TOP / "README.md", AGENTS, *sorted(DOCS.rglob("*.md")))
 GUIDE = (
     "index install tutorial choose-a-model measure-your-robot use-a-model correct-a-path "
-    "place-the-work add_a_model add_a_data_set add_a_protocol large-studies read-the-results "
-    "python troubleshooting glossary"
+    "place-the-work add_a_model submit-a-model add_a_data_set add_a_protocol large-studies "
+    "read-the-results python troubleshooting glossary"
 ).split()
 MOST_WORDS, MOST_APPENDIX_WORDS, LONGEST_SENTENCE, MEAN_SENTENCE = 10_000, 20_000, 40, 25
 SENTENCE_END = re.compile(r"[.:!?](?:\s|$)|\n\s*\n|\n\s*[-#]|\n\s*\d\.\s")
@@ -215,12 +217,33 @@ def test_the_site_is_built_without_a_warning_with_equations_and_loads_nothing_fr
     assert re.findall(r"\\[a-zA-Z(\[]", text) == []
 
 
+CARD = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
+TASKS = {
+    "measure-your-robot": ("my.csv: ok", "my.stiff: bayes-springs"),
+    "add_a_model": ("0 failed", "| my-model "),
+    "submit-a-model": ("0 failed", "| my-model ", "fresh robots: 4"),
+}
+"""Guides of AGENTS.md, and some of what their commands print."""
+TUTORIAL = ("my.csv: ok", "bayes-springs is better than vjm on my.csv", "predicted.csv: 60 rows")
+needs_bubblewrap = pytest.mark.skipif(bool(why_not_sealed()), reason=why_not_sealed() or "there")
+
+
 @pytest.mark.slow
-def test_the_tutorial_can_be_followed_to_the_end(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "prints"),
+    [
+        pytest.param(name, prints, marks=[needs_bubblewrap] if "submit" in name else [], id=name)
+        for name, prints in {"tutorial": TUTORIAL, **TASKS}.items()
+    ],
+)
+def test_the_commands_of_a_guide_run_from_top_to_bottom(name, prints, tmp_path):
+    page = DOCS / f"{name}.md"
     for path in (DOCS / "assets").glob("*.*"):
         shutil.copy(path, tmp_path)
+    for card in CARD.findall(page.read_text("utf-8")):
+        (tmp_path / "card.toml").write_text(card, encoding="utf-8")
     printed = ""
-    for program, *words in map(shlex.split, _shell(DOCS / "tutorial.md")):
+    for program, *words in (shlex.split(line, comments=True) for line in _shell(page)):
         if program == "bench":
             done = bench_here(*words, cwd=tmp_path, env={"STIFFBENCH_HOME": str(tmp_path / "home")})
         else:
@@ -228,8 +251,14 @@ def test_the_tutorial_can_be_followed_to_the_end(tmp_path):
             done = subprocess.run(
                 command, cwd=tmp_path, capture_output=True, text=True, check=False
             )
-        assert done.returncode == 0, done.stderr
+        assert done.returncode == 0, (words, done.stdout, done.stderr)
         printed += done.stdout
-    assert "my.csv: ok" in printed
-    assert "bayes-springs is better than vjm on my.csv" in printed
-    assert len((tmp_path / "predicted.csv").read_text("utf-8").splitlines()) == 61
+    assert [text for text in prints if text not in printed] == []
+
+
+def test_an_agent_is_shown_every_guide_in_a_page_of_at_most_60_lines():
+    text = AGENTS.read_text("utf-8")
+    assert len(text.splitlines()) <= 60
+    assert [name for name in TASKS if f"(docs/{name}.md)" not in text] == []
+    targets = re.findall(r"\]\(([^)#]+)", text)
+    assert [name for name in targets if not (TOP / name).exists()] == []
