@@ -146,6 +146,14 @@ def test_every_command_of_the_docs_has_its_options():
     assert [(page, line) for page, line in commands if _unknown(line)] == []
 
 
+def test_a_robot_has_one_tcp_in_all_pages():
+    given = re.compile(r'(\w+\.urdf)[", ]+(?:--tcp |tcp=\()([\d., ]+)')
+    pairs = [pair for page in PAGES for pair in given.findall(page.read_text("utf-8"))]
+    assert len(pairs) > 10
+    tcps = {(urdf, tuple(map(float, tcp.split(",")))) for urdf, tcp in pairs}
+    assert tcps == {("my_robot.urdf", (0.08, 0.0, 0.06))}
+
+
 def _unknown(line: str) -> str:
     """Return the first word of a command line that bench does not know, "" where there is none."""
     command, *words = shlex.split(line, comments=True)
