@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -34,7 +37,47 @@ def test_the_workflow_runs_what_a_developer_runs_on_every_supported_python():
     job = read(".github/workflows/ci.yml")["jobs"]["checks"]
     assert "bash .ci/run" in [step.get("run") for step in job["steps"]]
     versions = {line.rpartition(" ")[2] for line in PROJECT["classifiers"] if ":: 3." in line}
-    assert set(job["strategy"]["matrix"]["python"]) == versions
+    assert set(job["strategy"]["matrix"]["python"]) >= versions != set()
+
+
+WORKFLOWS = {path.stem: path for path in (TOP / ".github" / "workflows").iterdir()}
+
+
+@pytest.mark.parametrize("name", WORKFLOWS)
+def test_a_workflow_is_listed_writes_only_where_it_publishes_and_runs_what_is_there(name):
+    workflow = read(WORKFLOWS[name])
+    assert f"| `{name}.yml` |" in (TOP / "CONTRIBUTING.md").read_text("utf-8")
+    assert workflow["permissions"] == {"contents": "read"}
+    goals = re.findall(r"^(\w+):", (TOP / "Makefile").read_text("utf-8"), re.MULTILINE)
+    for key, job in workflow["jobs"].items():
+        assert ("permissions" in job) == ("environment" in job)
+        assert job.get("needs", key) in workflow["jobs"]
+        for step in job["steps"]:
+            assert ("uses" in step) != ("run" in step)
+            command, *words = step.get("run", "none").split()
+            assert command != "make" or {*words} <= {*goals}
+
+
+def test_a_release_needs_one_version_in_all_files_and_a_readme_without_relative_links(tmp_path):
+    steps = {
+        step.get("name"): step for step in read(WORKFLOWS["release"])["jobs"]["build"]["steps"]
+    }
+    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "README.md"):
+        shutil.copy(TOP / name, tmp_path)
+    tag = f"v{PROJECT['version']}"
+
+    def status(step: str, tag: str) -> int:
+        environment = {**os.environ, "GITHUB_REPOSITORY": "a/b", "GITHUB_REF_NAME": tag}
+        command = ["bash", "-e", "-c", steps[step]["run"]]
+        return subprocess.run(command, cwd=tmp_path, env=environment, check=False).returncode
+
+    (same,) = (name for name in steps if name and "one version" in name)
+    assert (status(same, tag), status(same, f"{tag}1")) == (0, 1)
+    (links,) = (name for name in steps if name and "README" in name)
+    assert status(links, tag) == 0
+    targets = re.findall(r"\]\(([^)]+)", (tmp_path / "README.md").read_text("utf-8"))
+    assert len(targets) > 10
+    assert [target for target in targets if not target.startswith("https://")] == []
 
 
 def test_the_engines_rooms_are_described_in_the_order_of_their_imports():

@@ -1,4 +1,4 @@
-"""Check that the built wheel is complete and works without a checkout."""
+"""Check that the built wheel and source archive are complete and work without a checkout."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from email.parser import Parser
 from importlib.metadata import Distribution, distribution
@@ -21,22 +22,35 @@ SHIPPED = ("published", "studies")
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("wheel")]
 
 
+DOCUMENTS = ("README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff")
+
+
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory) -> Path:
+def built(tmp_path_factory) -> dict[str, Path]:
+    """Return the source archive, and the wheel that is built from its files."""
     folder = tmp_path_factory.mktemp("wheel")
     source = folder / "src"  # a copy, so that no build folder is left in the checkout
     for name in (*ROOTS, *(f"results/{name}" for name in SHIPPED)):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "MANIFEST.in", *DOCUMENTS):
         shutil.copy(ROOT / name, source / name)
-    build = [sys.executable, "-m", "build", "--no-isolation", "--wheel", "--outdir", folder, source]
+    (source / "tests").mkdir()
+    shutil.copy(Path(__file__), source / "tests")
+    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, source]
     subprocess.run(build, check=True)
-    (built,) = folder.glob("*.whl")
-    return built
+    (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
+    return {"sdist": sdist, "wheel": wheel}
 
 
-def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(wheel):
-    with zipfile.ZipFile(wheel) as archive:
+def test_the_source_archive_holds_the_documents_and_no_tests(built):
+    with tarfile.open(built["sdist"]) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert names >= {"pyproject.toml", *DOCUMENTS}
+    assert [name for name in names if name.startswith("tests")] == []
+
+
+def test_the_wheel_holds_every_module_and_data_file_and_nothing_else(built):
+    with zipfile.ZipFile(built["wheel"]) as archive:
         entries = archive.namelist()
     names = {name for name in entries if ".dist-info/" not in name}
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in entries)
@@ -68,17 +82,20 @@ def required_distributions(wheel: Path) -> dict[str, Distribution]:
     return distributions
 
 
-def test_bench_works_from_the_wheel_and_what_it_requires_in_an_empty_folder(wheel, tmp_path):
+@pytest.mark.parametrize("kind", ["wheel", "sdist"])
+def test_bench_works_with_what_it_requires_in_an_empty_environment(kind, built, tmp_path):
     """Use this environment's packages, because downloading them takes minutes."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv"], check=True)
     python = tmp_path / "venv" / "bin" / "python"
     (site,) = (tmp_path / "venv").glob("lib/*/site-packages")
-    for package in required_distributions(wheel).values():
+    packages = [*required_distributions(built["wheel"]).values()]
+    packages += [distribution("setuptools")] if kind == "sdist" else []  # builds the wheel
+    for package in packages:
         for top in {file.parts[0] for file in package.files or []} - {"..", "__pycache__"}:
             if not (site / top).exists():
                 (site / top).symlink_to(package.locate_file(top))
     pip = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps"]
-    subprocess.run([*pip, wheel], check=True)
+    subprocess.run([*pip, "--no-build-isolation", built[kind]], check=True)
     empty = tmp_path / "empty"
     empty.mkdir()
 
