@@ -45,8 +45,9 @@ def main(arguments: list[str] | None = None) -> None:
     debug = "--debug" in words
     for stream in (sys.stdout, sys.stderr):
         escape_missing_characters(stream)
-    for number in (signal.SIGTERM, signal.SIGHUP):  # so that temporary files are taken away
-        signal.signal(number, _stop)
+    for name in ("SIGTERM", "SIGHUP"):  # so that temporary files are taken away
+        if hasattr(signal, name):  # Windows has no SIGHUP
+            signal.signal(getattr(signal, name), _stop)
     try:
         status = run([word for word in words if word != "--debug"])
     except (KeyboardInterrupt, Stopped) as stopped:

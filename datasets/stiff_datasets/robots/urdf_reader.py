@@ -31,7 +31,6 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
-import pinocchio as pin
 
 from stiff_protocols.contract.controller import Controller
 from stiff_protocols.contract.errors import ConfigError, DataError, unknown_name, warn
@@ -39,6 +38,11 @@ from stiff_protocols.contract.files import other_content
 from stiff_protocols.contract.robot import UNLIMITED_RAD
 from stiff_protocols.contract.types import ChainJoint, FloatArray, JointType, Robot
 from stiff_protocols.paths.inverse import held_position, joint_number
+
+try:
+    import pinocchio as pin
+except ImportError as error:  # Windows: what reads no URDF works without it
+    pin, WHY_MISSING = None, str(error)
 
 LONGEST_TCP_M = 5.0
 """Limit of a tool's length; a larger number is in mm."""
@@ -116,11 +120,12 @@ def read_chain(
         hold: joints that do not move: deg or mm by name or number in the chain.
 
     Raises:
-        ConfigError: no link has the name `tip` or `base`, a joint cannot be held, or the direction
-            of gravity in `base` is open.
+        ConfigError: no link has the name `tip` or `base`, a joint cannot be held, the direction of
+            gravity in `base` is open, or Pinocchio is missing.
         DataError: the file is not a URDF, a joint of the chain is neither revolute nor prismatic or
             mimics a joint that is not on the chain, or limits are reversed or in degrees.
     """
+    _require_pinocchio()
     tree, mimics, controller = _parse(urdf)
     frame, notes = _chosen_tip(tree, mimics, urdf, tip)
     chain = [*tree.supports[frame.parentJoint]][1:]
@@ -217,12 +222,23 @@ def read_robot(urdf: Path, **options: Any) -> Robot:
 
 def rotation_of(vector: FloatArray) -> FloatArray:
     """Return the (3, 3) rotation of a (3,) rotation vector, rad."""
+    _require_pinocchio()
     return np.asarray(pin.exp3(vector))
 
 
 def roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
     """Return the (3,) angles of a (3, 3) rotation as in a URDF, rad."""
+    _require_pinocchio()
     return np.asarray(pin.rpy.matrixToRpy(rotation))
+
+
+def _require_pinocchio() -> None:
+    """Raise ConfigError where Pinocchio cannot be imported."""
+    if pin is None:
+        raise ConfigError(
+            f"Pinocchio reads URDFs, of shipped robots too, and cannot be imported: {WHY_MISSING} "
+            "(valid: Linux, macOS or WSL 2 with the package pin, which has no wheel for Windows)"
+        )
 
 
 def _robot(model: pin.Model, flange: pin.SE3, tcp: FloatArray, rules: Mapping[str, Mimic]) -> Robot:
