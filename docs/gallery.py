@@ -25,8 +25,7 @@ WIDTH, COLOURS = 1100, 48
 """Pixels and palette of a picture: readable, and about 40 kB."""
 PAGE_START = """# Gallery
 
-Which figures are there? Every name of `bench list figures`, drawn by `python docs/gallery.py`.
-Each command below draws the figure from your own results:
+Every figure of `bench list figures`, drawn by `python docs/gallery.py`. From your own results:
 
 ```sh
 bench figure scores --results results/runs --output scores.png
@@ -99,7 +98,7 @@ def page_text(figures: dict[str, str]) -> str:
     parts = [PAGE_START]
     for name, summary in figures.items():
         title = f"Figure {name} of the paper" if name.isdecimal() else name
-        text = summary[0].upper() + summary[1:]
+        text = (summary[0].upper() + summary[1:]).replace("the VJM", "the [VJM](glossary.md)")
         parts.append(f"## {title}\n\n{text}.\n\n![{name}](assets/gallery/{name}.png)\n")
     return "\n".join(parts)
 
