@@ -22,7 +22,6 @@ from stiff_apply.programs.corrected_program import (
 )
 from stiff_apply.programs.frames import ProgramPoses, controller_of, program_poses
 from stiff_apply.programs.languages import read_program
-from stiff_apply.programs.load_lines import loads_by_line, write_loads_template
 from stiff_apply.programs.program import LeftMotion, RobotProgram, write_texts
 from stiff_apply.tool_paths import CorrectedPath
 from stiff_apply.tool_task import ToolTask, check_word, frame_matrix, tool_task
@@ -42,8 +41,8 @@ from stiff_bench.parameter_types import (
 )
 from stiff_bench.run.progress import display
 from stiff_bench.tables.units import counted
-from stiff_datasets.measured.row_checks import row_ranges
 from stiff_datasets.measured.sample_columns import MM_PER_M
+from stiff_protocols.contract.display import row_ranges
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.stiffness_model import offers
@@ -193,6 +192,8 @@ def compensate_program(
     poses = program_poses(source, robot, tools=_frames(tool), workpieces=_frames(workpiece))
     given = _given_loads(source, task, loads)
     if loads_template is not None:
+        from stiff_apply.programs.load_lines import write_loads_template
+
         check_new_file(Path(loads_template))
         write_loads_template(Path(loads_template), source, given)
     points = poses.points(robot)
@@ -353,6 +354,8 @@ def _given_loads(source: RobotProgram, task: ToolTask, loads: Path | str | None)
         valid = "valid: fx,fy,fz[,tx,ty,tz] in N and N m, or a file of loads by line"
         raise ConfigError(f"needed once, for {counted(len(source), 'target')} ({valid})", "load")
     if loads is not None:
+        from stiff_apply.programs.load_lines import loads_by_line  # with pandas, half a second
+
         return loads_by_line(Path(loads), source)
     return np.tile(np.asarray(task.load), (len(source.motions), 1))
 

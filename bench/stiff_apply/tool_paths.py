@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from stiff_apply.expected_error import ExpectedError, expected_error
-from stiff_apply.path_file import PathTable, corrected_table, path_problems, read_path
 from stiff_apply.tool_task import LoadFrame, ToolTask, check_word, tool_task
 from stiff_bench.analysis.extrapolation import extrapolation_details
 from stiff_bench.api.model import Model, wrap_model_errors
@@ -28,9 +27,7 @@ from stiff_bench.parameter_types import (
     Tolerance,
 )
 from stiff_bench.run.progress import display
-from stiff_datasets.measured.row_checks import Problem, problems_error
 from stiff_datasets.measured.sample_columns import MM_PER_M
-from stiff_datasets.measured.table_reader import write_table
 from stiff_protocols.contract.errors import ConfigError, ModelError, warn
 from stiff_protocols.contract.robot import Robot
 from stiff_protocols.contract.stiffness_model import offers
@@ -45,6 +42,7 @@ from stiff_protocols.paths.inverse import Followed, follow, judged
 from stiff_protocols.scoring.cross_validated import ErrorLengths
 
 if TYPE_CHECKING:
+    from stiff_apply.path_file import PathTable
     from stiff_bench.figures.prepared_figure import Prepared
 
 
@@ -193,6 +191,11 @@ def compensate_path(
         ModelError: a point cannot be corrected.
         StoreError: a file cannot be written, or exists.
     """
+    # pandas takes half a second, and robot programs do without
+    from stiff_apply.path_file import corrected_table, path_problems, read_path
+    from stiff_datasets.measured.row_checks import problems_error
+    from stiff_datasets.measured.table_reader import write_table
+
     check_word("on-failure", on_failure, ("stop", "keep"))
     task = tool_task(
         model,
@@ -299,6 +302,8 @@ def _failures(
     file: Path, table: PathTable, robot: Robot, compensation: Compensation, valid: str
 ) -> str:
     """Return a text on points that were not corrected; "" if there are none."""
+    from stiff_datasets.measured.row_checks import Problem
+
     if compensation.converged.all():
         return ""
     first = np.argmin(compensation.converged)

@@ -183,34 +183,33 @@ class Model(ShownObject):
             ConfigError: the wrench is missing, or given twice, or a data set is of another robot.
             DataError: a column of a DataFrame is missing, or a value is not valid.
         """
-        from pandas import DataFrame
-
         self.check_fitted()
         if isinstance(q, Dataset):
             if wrench is not None:
                 raise ConfigError("is in the data set already; leave it out", "wrench")
             self._check_robot_of(q)
             return q.samples.q, q.samples.wrench
-        if not isinstance(q, DataFrame):
-            if wrench is None:
-                needed = (
-                    "is missing; give (n, 6) N and N m, or a Dataset or DataFrame in place of q"
-                )
-                raise ConfigError(needed, "wrench")
-            robot = self.fitted.robot_
-            if np.shape(q)[1:] == (robot.n_joints,) and (
-                in_degrees := degrees_text(np.asarray(q), robot)
-            ):
-                raise DataError(in_degrees)
-            return q, wrench
-        from stiff_datasets.measured.query_file import loads_of
+        if not isinstance(q, np.ndarray):
+            from pandas import DataFrame  # takes half a second
 
-        if wrench is not None:
-            raise ConfigError("is in the DataFrame already; leave it out", "wrench")
-        loads = loads_of("loads", q, self.fitted.robot_)
-        for oddity in loads.oddities:
-            warn(oddity, stacklevel=3)
-        return loads.q, loads.wrench
+            from stiff_datasets.measured.query_file import loads_of
+
+            if isinstance(q, DataFrame):
+                if wrench is not None:
+                    raise ConfigError("is in the DataFrame already; leave it out", "wrench")
+                loads = loads_of("loads", q, self.fitted.robot_)
+                for oddity in loads.oddities:
+                    warn(oddity, stacklevel=3)
+                return loads.q, loads.wrench
+        if wrench is None:
+            needed = "is missing; give (n, 6) N and N m, or a Dataset or DataFrame in place of q"
+            raise ConfigError(needed, "wrench")
+        robot = self.fitted.robot_
+        if np.shape(q)[1:] == (robot.n_joints,) and (
+            in_degrees := degrees_text(np.asarray(q), robot)
+        ):
+            raise DataError(in_degrees)
+        return q, wrench
 
     def _check_robot_of(self, data: Dataset) -> None:
         """Raise ConfigError if a data set is of another robot or TCP than the model's."""

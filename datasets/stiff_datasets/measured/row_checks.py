@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import shlex
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -58,8 +58,6 @@ NO_TORQUE = dict.fromkeys(TORQUE_COLUMNS, 0.0)
 """Columns of a file without torques -> their values."""
 
 FORMULA_HINT = "the formula was never computed: open and save the file in Excel"
-
-MAX_RUNS_SHOWN = 10
 
 
 @dataclass(frozen=True)
@@ -311,19 +309,6 @@ def with_missing_columns(sheet: Sheet, usual: Mapping[str, float]) -> Sheet:
     """Add the columns that the file does not have, with their usual numbers."""
     absent = {name: number for name, number in usual.items() if name not in sheet.cells}
     return replace(sheet, cells=sheet.cells.assign(**absent))
-
-
-def row_ranges(rows: Iterable[int], most: int | None = MAX_RUNS_SHOWN) -> str:
-    """Return row numbers as text: runs as "2-152", and at most ten runs, or `most`."""
-    runs: list[list[int]] = []
-    for row in rows:
-        if runs and row == runs[-1][-1] + 1:
-            runs[-1][1:] = [row]
-        else:
-            runs.append([row])
-    listed = ", ".join("-".join(map(str, run)) for run in runs[:most])
-    hidden = sum(run[-1] - run[0] + 1 for run in runs[len(runs) if most is None else most :])
-    return listed + (f" and {hidden} more" if hidden else "")
 
 
 def pose_reach(robot: Robot, tolerance: float) -> str:

@@ -39,7 +39,6 @@ from stiff_datasets.measured.row_checks import (
     pose_reach,
     problems_error,
     radian_problems,
-    row_ranges,
     shortest_moves,
     table_problems,
     with_missing_columns,
@@ -74,6 +73,7 @@ from stiff_datasets.measured.unloaded_positions import (
     fit_frame,
     frame_doubt,
 )
+from stiff_protocols.contract.display import row_ranges
 from stiff_protocols.contract.errors import warn
 from stiff_protocols.contract.types import (
     BenchmarkData,

@@ -47,7 +47,6 @@ from stiff_datasets.measured.row_checks import (
     LIMIT_TOLERANCE,
     NO_TORQUE_HINT,
     Problem,
-    row_ranges,
 )
 from stiff_datasets.measured.sample_columns import (
     LOADED_COLUMNS,
@@ -64,7 +63,7 @@ from stiff_datasets.measured.sample_file import (
 )
 from stiff_datasets.measured.table_reader import Sheet, read_sheet
 from stiff_datasets.measured.unloaded_positions import Comparison, compare_positions, in_mm
-from stiff_protocols.contract.display import Screen, printable
+from stiff_protocols.contract.display import Screen, printable, row_ranges
 from stiff_protocols.contract.errors import DataError
 from stiff_protocols.contract.robot import STANDARD_GRAVITY
 from stiff_protocols.contract.training_range import in_smallest_arcs

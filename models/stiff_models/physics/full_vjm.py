@@ -18,7 +18,6 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from stiff_models.physics.fitted_geometry import GeometryModel
 from stiff_models.physics.vjm import identify_springs, stiffness_unit, warn_unexplained
@@ -173,6 +172,8 @@ def ridge(scaled: FloatArray, target: FloatArray) -> FloatArray:
     Its strength minimises the generalised cross-validation criterion (Golub, Heath and Wahba
     1979). The weakest shrinks nothing by more than a millionth; the strongest halves every part.
     """
+    from scipy.optimize import minimize_scalar  # slow, and predictions do without
+
     left_vectors, singular, axes = np.linalg.svd(scaled, full_matrices=False)
     resolved = singular > RANK_TOLERANCE * singular[0]
     left_vectors, squares = left_vectors[:, resolved], singular[resolved] ** 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import reprlib
 import textwrap
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from html import escape
 from typing import Any
@@ -16,6 +16,7 @@ CELL_WIDTHS = (40, 30, 20, 12)
 """Characters of a heading or a cell of text; the first value that fits the width is used."""
 MOST_ROWS = 8
 """Most rows of a table; the last line counts the others."""
+MAX_RUNS_SHOWN = 10
 _NO_FORMULAS = "tex2jax_ignore mathjax_ignore"
 """Classes of HTML in which a notebook does not read `$` as a formula."""
 
@@ -35,6 +36,19 @@ def printable(text: str) -> str:
 def one_line(text: str) -> str:
     """Return a `printable` text with spaces instead of line breaks."""
     return printable(" ".join(text.splitlines()))
+
+
+def row_ranges(rows: Iterable[int], most: int | None = MAX_RUNS_SHOWN) -> str:
+    """Return row numbers as text: runs as "2-152", and at most ten runs, or `most`."""
+    runs: list[list[int]] = []
+    for row in rows:
+        if runs and row == runs[-1][-1] + 1:
+            runs[-1][1:] = [row]
+        else:
+            runs.append([row])
+    listed = ", ".join("-".join(map(str, run)) for run in runs[:most])
+    hidden = sum(run[-1] - run[0] + 1 for run in runs[len(runs) if most is None else most :])
+    return listed + (f" and {hidden} more" if hidden else "")
 
 
 @dataclass(frozen=True)

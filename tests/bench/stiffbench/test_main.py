@@ -10,6 +10,7 @@ import pytest
 
 from helpers.command_line import BENCH, bench_here
 from helpers.made_results import MadeResults
+from helpers.robot_programs import DOCS
 from stiff_bench.store.database import ResultStore, read_manifests, read_results
 from stiff_protocols.contract.errors import ConfigError
 from stiffbench.options import command_line
@@ -78,6 +79,17 @@ def test_a_command_with_a_spring_models_file_loads_no_library_of_learners(vjm_fi
     command = [sys.executable, "-c", IMPORTS, heavy, *words, "--coverage", "0.9"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert (tmp_path / "out.csv").exists(), done.stderr
+    assert done.stdout.strip().endswith("[]")
+
+
+@pytest.mark.slow
+def test_a_robot_program_is_corrected_without_a_library_of_tables(vjm_file, tmp_path):
+    words = ["path", "compensate", "--model", str(vjm_file), "--load", "0,0,-50"]
+    words += ["--program", str(DOCS / "pocket.src"), "--output", "out.src", "--allow-steps"]
+    command = [sys.executable, "-c", IMPORTS, "torch sklearn pandas scipy.optimize", *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert (tmp_path / "out.src").exists(), done.stderr
+    assert "left as they were" in done.stderr + done.stdout
     assert done.stdout.strip().endswith("[]")
 
 
