@@ -15,6 +15,7 @@ from stiff_protocols.paths.inverse import LIMIT_SLACK, STARTS, all_configuration
 NEAR_RAD = float(np.radians(2.0))
 """A joint this near to a change of sign or turn may have either: programs are rounded, and
 controllers ignore the turn there."""
+FULL_TURN = 2.0 * np.pi
 BLOCK = 2000
 """Number of targets per comparison of configurations."""
 OUT_OF_REACH, BEYOND_LIMITS = "out of reach", "beyond the joint limits in every configuration"
@@ -80,38 +81,36 @@ def choose_joints(
         rows = np.arange(first, min(first + BLOCK, n))
         poses = rows[~program.has_joints[rows] & (problem[rows] == "")]
         ways_of = all_configurations(robot, position[poses], rotation[poses])
-        bound = np.flatnonzero(is_bound[poses])
+        is_reached = ~np.isnan(ways_of[..., 0]).all(axis=1)
+        problem[poses[~is_reached]] = OUT_OF_REACH
+        bound = np.flatnonzero(is_bound[poses] & is_reached)
         turned, *numbers = _with_turns(program.language, robot, ways_of[bound])
         bound_of = dict(zip(poses[bound].tolist(), range(len(bound)), strict=True))
+        limits = _turn_limits(robot, ways_of)
         number_of = dict(zip(poses.tolist(), range(len(poses)), strict=True))
         for row in rows[problem[rows] == ""].tolist():
-            if program.has_joints[row]:
+            if row not in number_of:
                 before = q[row]
                 problem[row] = "" if _inside(robot, q[[row]])[0] else "beyond the joint limits"
                 continue
-            ways = ways_of[number_of[row]]
-            ways = ways[~np.isnan(ways[:, 0])]
-            if not len(ways):
-                problem[row] = OUT_OF_REACH
-                continue
+            ways = np.empty((0, robot.n_joints))
             if row in bound_of:
                 low, high, exact = (values[bound_of[row]] for values in numbers)
                 written = program.config[row, : exact.shape[1]]
                 fits = program.language.matches(written, low, high).all(axis=1)
                 inside = _inside(robot, turned[bound_of[row]])
-                config_fits[row] = (fits & inside).any()
-                if config_fits[row]:
-                    ways = turned[bound_of[row]][fits & inside]
-                elif inside.any() and not program.is_linear[row]:
+                ways = turned[bound_of[row]][fits & inside]
+                config_fits[row] = len(ways) > 0
+                if not len(ways) and inside.any() and not program.is_linear[row]:
                     numbers_text = _possible(program, row, exact[inside])
                     problem[row] = f"{OTHER_CONFIGURATION}: {numbers_text}"
                     continue
-            if row not in bound_of or not config_fits[row]:
-                ways = _ways_inside(robot, ways, before)
-                if not len(ways):  # near a singularity some are missed
-                    place = position[[row]], rotation[[row]]
-                    more = all_configurations(robot, *place, n_seeds=STARTS)[0]
-                    ways = _ways_inside(robot, more[~np.isnan(more[:, 0])], before)
+            if not len(ways):
+                ways = _nearest_turns(ways_of[number_of[row]], limits[:, number_of[row]], before)
+            if not len(ways):  # near a singularity some are missed
+                place = position[[row]], rotation[[row]]
+                more = all_configurations(robot, *place, n_seeds=STARTS)[0]
+                ways = _nearest_turns(more, _turn_limits(robot, more), before)
             if not len(ways):
                 problem[row] = BEYOND_LIMITS
                 continue
@@ -139,7 +138,7 @@ def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[Floa
     for turns, low, high in zip(robot.turns, robot.lower, robot.upper, strict=True):
         back, forth = [-1.0] * bool(low < -np.pi), [1.0] * bool(high > np.pi)
         choices.append([*back, 0.0, *forth] if turns else [0.0])
-    turns = 2.0 * np.pi * np.array([*product(*choices)])
+    turns = FULL_TURN * np.array([*product(*choices)])
     turned = (ways[:, :, None] + turns).reshape(len(ways), -1, robot.n_joints)
     signs, reached = np.zeros((*ways.shape[:2], 3)), ~np.isnan(ways[..., 0])
     controller = controller_of(robot)
@@ -154,14 +153,21 @@ def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[Floa
     return [turned, *numbers]
 
 
-def _ways_inside(robot: Robot, ways: FloatArray, before: FloatArray) -> FloatArray:
+def _turn_limits(robot: Robot, ways: FloatArray) -> FloatArray:
+    """Return least and most full turns of (..., n_joints) inside the limits; least > most: none."""
+    least = np.ceil((robot.lower - LIMIT_SLACK - ways) / FULL_TURN)
+    most = np.floor((robot.upper + LIMIT_SLACK - ways) / FULL_TURN)
+    slides = ~robot.turns  # they have no full turns
+    least[..., slides] = least[..., slides].clip(min=0.0)
+    most[..., slides] = most[..., slides].clip(max=0.0)
+    return np.array([least, most])
+
+
+def _nearest_turns(ways: FloatArray, limits: FloatArray, before: FloatArray) -> FloatArray:
     """Return configurations (m, n_joints) inside the limits, with turns nearest to `before`."""
-    turn = 2.0 * np.pi
-    turns = np.rint((before - ways) / turn)
-    turns += ways + turn * turns < robot.lower - LIMIT_SLACK
-    turns -= ways + turn * turns > robot.upper + LIMIT_SLACK
-    ways = ways + turn * np.where(robot.turns, turns, 0.0)
-    return np.asarray(ways[_inside(robot, ways)])
+    least, most = limits
+    turns = np.minimum(np.maximum(np.rint((before - ways) / FULL_TURN), least), most)
+    return np.asarray((ways + FULL_TURN * turns)[(least <= most).all(axis=1)])
 
 
 def _inside(robot: Robot, q: FloatArray) -> BoolArray:

@@ -22,7 +22,6 @@ from stiff_apply.programs.program import (
     Goal,
     Language,
     Motion,
-    Reading,
 )
 from stiff_apply.programs.statements import Names, Number
 from stiff_apply.rotations import euler_rotations
@@ -74,39 +73,27 @@ SHAPES = {"F": 1.0, "N": 0.0, "U": 1.0, "D": 0.0, "T": 1.0, "B": 0.0}
 """Letter of CONFIG -> number of the configuration."""
 
 
-def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
-    """Read the motions of a program."""
-    text = texts[0]
-    sections = {match[1]: match for match in SECTION.finditer(text)}
-    begin = sections["MN"].end() if "MN" in sections else 0
-    end = sections["POS"].start() if "POS" in sections else len(text)
-    positions = {int(match[1]): match for match in POSITION.finditer(text, end)}
-    assigned = {int(number or -1) for number in ASSIGNED.findall(text, 0, end)}
-    assigned = {*positions} if -1 in assigned else assigned
-    labels = re.findall(r":\s*LBL\[\s*(\d+)", text[begin:end])
-    routine = Routine("", entry="file")
-    reader = _Reader(positions, assigned, labels, {name.lower() for name in harmless})
-    for match in STATEMENT.finditer(text, begin, end):
-        if match["text"]:
-            routine.items += reader.items(match["text"], match.start("text"))
-    state = dict(STATE)
-    if re.search(r"LINE_TRACK_SCHEDULE_NUMBER\s*:\s*[1-9]", text[:begin]):
-        state["other"] = Unknown("the program follows a conveyor: LINE_TRACK")
-    return Reading({"": routine}, Names(), state, text[:end])
-
-
 class _Reader:
-    """Reads statements."""
+    """Reads positions first, then statements."""
 
-    def __init__(
-        self,
-        positions: dict[int, re.Match[str]],
-        assigned: set[int],
-        labels: Sequence[str],
-        harmless: set[str],
-    ) -> None:
-        self.positions, self.assigned, self.labels = positions, assigned, labels
-        self.harmless = harmless
+    def __init__(self, texts: Sequence[str], harmless: Collection[str]) -> None:
+        text = texts[0]
+        self.harmless = {name.lower() for name in harmless}
+        sections = {match[1]: match for match in SECTION.finditer(text)}
+        begin = sections["MN"].end() if "MN" in sections else 0
+        end = sections["POS"].start() if "POS" in sections else len(text)
+        self.positions = {int(match[1]): match for match in POSITION.finditer(text, end)}
+        self.assigned = {int(number or -1) for number in ASSIGNED.findall(text, 0, end)}
+        if -1 in self.assigned:
+            self.assigned = {*self.positions}
+        self.labels = re.findall(r":\s*LBL\[\s*(\d+)", text[begin:end])
+        self.names, self.text, routine = Names(), text[:end], Routine("", entry="file")
+        for match in STATEMENT.finditer(text, begin, end):
+            if match["text"]:
+                routine.items += self.items(match["text"], match.start("text"))
+        self.routines, self.state = {"": routine}, dict(STATE)
+        if re.search(r"LINE_TRACK_SCHEDULE_NUMBER\s*:\s*[1-9]", text[:begin]):
+            self.state["other"] = Unknown("the program follows a conveyor: LINE_TRACK")
 
     def items(self, text: str, start: int) -> Iterator[Any]:
         """Yield the items of a statement."""
@@ -270,7 +257,7 @@ LANGUAGE = Language(
     n_turns=3,
     motion=re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*(?:GP\d+\W*)?[LJCAS][ \t]+@?PR?[ \t]*\[", re.M),
     decimals=(3, 5),
-    read=read,
+    reader=_Reader,
     to_rotations=lambda turns: euler_rotations("xyz", turns),
     configurations=configurations,
     config_names=("F", "U", "T", "turn 1", "turn 4", "turn 6"),

@@ -27,7 +27,7 @@ from stiff_apply.programs.flow import (
     headed,
     lost_state,
 )
-from stiff_apply.programs.program import NEAR_ZERO, NO_FRAME, Goal, Language, Motion, Reading
+from stiff_apply.programs.program import NEAR_ZERO, NO_FRAME, Goal, Language, Motion
 from stiff_apply.programs.statements import (
     WORD,
     Declared,
@@ -99,17 +99,16 @@ STATE: dict[str, Any] = {
 }
 """State at the start: frames are in the controller."""
 NEEDS = ("mode", "root")
-BITS = re.compile(r"'(?:B([01]{1,31})|H([0-9A-F]{1,7}))'", re.IGNORECASE)
-"""S and T as 'B010' or 'H2'."""
-
-
-def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
-    """Read a program; texts are the .src, the .dat and `$config.dat`; "" for a missing one."""
-    return _Reader(texts, harmless).reading
+TABLE = re.compile(r"(BASE|TOOL)_DATA\[\d+\]")
+OF_DATA = {"STOOL": "tool", "STOOL2": "tool", "SBASE": "base", "SIPO_MODE": "mode"}
+"""Function of inline forms -> what it takes from frame data."""
 
 
 class _Reader:
-    """Reads names first, then statements."""
+    """Reads names first, then statements.
+
+    Texts are the .src, the .dat and `$config.dat`; "" for a missing one.
+    """
 
     def __init__(self, texts: Sequence[str], harmless: Collection[str]) -> None:
         self.functions = FUNCTIONS | {name.upper() for name in harmless}
@@ -117,16 +116,15 @@ class _Reader:
         self.state, self.spline = dict(STATE), dict[str, Any]()
         self.inputs: dict[str, list[bool]] = {}
         for index, text in enumerate(texts[1:], 1):
-            for start, line in _lines(text):
+            for start, line in _lines(without_comments(text, COMMENT)):
                 self._declare_data(start, line, index)
-        text = without_comments(texts[0], COMMENT)
-        lines = [*self._by_routine(text)]
+        self.text = without_comments(texts[0], COMMENT)
+        lines = [*self._by_routine(self.text)]
         for routine, start, line in lines:
             self._note_names(routine.name, start, line)
         self.names.finish()
         for routine, start, line in lines:
             routine.items += self._items(routine.name, start, line)
-        self.reading = Reading(self.routines, self.names, self.state, text)
 
     def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, str]]:
         """Yield statements with their routines."""
@@ -154,7 +152,7 @@ class _Reader:
             return
         statement = Statement(text.rstrip(), start + len(line) - len(text))
         value = statement.only_value
-        if re.fullmatch(r"(BASE|TOOL)_DATA\[\d+\]", name):
+        if TABLE.fullmatch(name):
             frame = self._frame("", name, statement, value)
             self.state[name] = frame._replace(name=name) if isinstance(frame, Frame) else frame
         elif index == 1 or kind:
@@ -262,24 +260,16 @@ class _Reader:
         base, part, field = match["base"].upper(), match["part"] or "", match["field"]
         statement = Statement(line[match.end() :].rstrip(), start + match.end())
         value = statement.only_value
-        table = base in ("BASE_DATA", "TOOL_DATA")
-        if base in ("$BASE", "$TOOL") or table:
-            frame = self._frame(routine, base, statement, value)
-            if field or bool(part) != table or not frame:
-                frame = Unknown(where)
-            if table and isinstance(frame, Frame):
-                frame = frame._replace(name=f"{base}{part}")
-            is_number = re.fullmatch(r"\[\d+\]", part)
-            frame = frame if is_number or not table else Unknown(where)
-            yield Setting(
-                {
-                    (f"{base}{part}" if is_number else f"{base}*")
-                    if table
-                    else base[1:].lower(): frame
-                }
-            )
+        if base in ("$BASE", "$TOOL", "BASE_DATA", "TOOL_DATA"):
+            key = base[1:].lower()
+            frame, is_read = self._frame(routine, base, statement, value), not part
+            if base[0] != "$":
+                is_read = bool(TABLE.fullmatch(base + part))
+                key = base + part if is_read else f"{base}*"
+                frame = frame._replace(name=key) if isinstance(frame, Frame) else frame
+            yield Setting({key: frame if is_read and not field else Unknown(where)})
         elif base == "FDAT_ACT":
-            frames = self._fdat(routine, statement, value) if not field and not part else None
+            frames = None if field or part else self._fdat(routine, statement, value)
             frames = frames or dict.fromkeys(("base", "tool", "mode"), Unknown(where))
             yield Setting({f"fdat {key}": frame for key, frame in frames.items()})
         elif base == "$IPO_MODE":
@@ -290,40 +280,34 @@ class _Reader:
     def _frame(self, routine: str, side: str, statement: Statement, value: Any) -> Any:
         """Return the frame that a value is."""
         cause = Unknown(f"not read: {side}={' '.join(statement.text.split())[:50]}")
-        name = statement.name(value).upper() if value else ""
+        name = statement.name(value).upper()
         if name in ("$NULLFRAME", "$WORLD"):
             return Frame(name, NO_FRAME)
-        if re.fullmatch(r"(BASE|TOOL)_DATA\[\d+\]", name):
+        if TABLE.fullmatch(name):
             return Value(name)
-        if name:
-            declared, _ = self.names.find(routine, name)
-            if declared is None:
-                return cause
-            statement, value = declared.statement, declared.value
-        function = statement.word(value).upper() if value else ""
-        if function in ("STOOL2", "SBASE", "STOOL"):
-            argument = re.sub(r"[()\s]|\.(BASE|TOOL)_NO", "", statement.text.upper()).removeprefix(
-                function
-            )
-            declared, _ = self.names.find(routine, argument)
-            data = declared and self._fdat(routine, declared.statement, declared.value)
-            return data["base" if function == "SBASE" else "tool"] if data else cause
-        components, reason = _components(statement, value)
+        if statement.word(value).upper() in OF_DATA:
+            return self._of_data(routine, statement, value) or cause
+        declared, _ = self.names.literal(routine, statement, value)
+        components = _components(declared.statement, declared.value) if declared else {}
         numbers = [components.get(name) for name in POSE]
-        if reason or not all(isinstance(number, Number) for number in numbers):
+        if not all(isinstance(number, Number) for number in numbers):
             return cause
         return Frame(side, tuple(number.value for number in numbers))  # type: ignore[union-attr]
 
+    def _of_data(self, routine: str, statement: Statement, value: Any) -> Any:
+        """Return what a function of `OF_DATA` takes from frame data; None: not literal."""
+        function = statement.word(value)
+        arguments = statement.group(value, "(", function.lower()) or [()]
+        name = re.sub(r"\.(BASE_NO|TOOL_NO|IPO_FRAME)$", "", statement.name(arguments[0]).upper())
+        data = self._fdat(routine, Statement(name, 0), (0,)) if name else None
+        return data and data[OF_DATA[function.upper()]]
+
     def _fdat(self, routine: str, statement: Statement, value: Any) -> dict[str, Any] | None:
         """Return base, tool and mode of an inline form's frame data; None: not literal."""
-        if value and (name := statement.name(value)):
-            declared, _ = self.names.find(routine, name)
-            if declared is None:
-                return None
-            statement, value = declared.statement, declared.value
-        components, reason = _components(statement, value)
+        declared, _ = self.names.literal(routine, statement, value)
+        components = _components(declared.statement, declared.value) if declared else {}
         base, tool = components.get("BASE_NO"), components.get("TOOL_NO")
-        if reason or not isinstance(base, Number) or not isinstance(tool, Number):
+        if not isinstance(base, Number) or not isinstance(tool, Number):
             return None
         frames: dict[str, Any] = {"mode": _mode(str(components.get("IPO_FRAME", "#BASE")))}
         for side, number in (("base", base.value), ("tool", tool.value)):
@@ -333,21 +317,19 @@ class _Reader:
 
     def _with(self, routine: str, start: int, line: str) -> dict[str, Any]:
         """Return frames and mode of a WITH clause."""
-        line = APPROXIMATION.sub("", line)
         match, values = WITH.search(line), dict[str, Any]()
         if match is None:
             return values
-        clause = Statement(line[match.end() :], start + match.end())
+        clause = Statement(APPROXIMATION.sub("", line)[match.end() :], start + match.end())
         for part, place in clause.parts():
             key, _, text = (word.strip() for word in part.partition("="))
             statement = Statement(text, place + len(part) - len(text))
             value = statement.only_value
             if key.upper() in ("$BASE", "$TOOL"):
                 values[key[1:].lower()] = self._frame(routine, key, statement, value)
-            elif key.upper() == "$IPO_MODE" and text.upper().startswith("SIPO_MODE"):
-                name = re.fullmatch(r"\w+\s*\(\s*(\w+)\.IPO_FRAME\s*\)", text, re.IGNORECASE)
-                data = self._fdat(routine, Statement(name[1], 0), (0,)) if name else None
-                values["mode"] = data["mode"] if data else Unknown(f"not read: {text}")
+            elif key.upper() == "$IPO_MODE" and statement.word(value).upper() in OF_DATA:
+                mode = self._of_data(routine, statement, value)
+                values["mode"] = mode or Unknown(f"not read: {text}")
             elif key.upper() == "$IPO_MODE":
                 values["mode"] = _mode(text)
             elif not HARMLESS_VARIABLE.match(key):
@@ -368,8 +350,8 @@ class _Reader:
             motion.is_relative = not is_circle
             motion.reason = "is relative to the target before"
             return motion
-        main = APPROXIMATION.sub("", WITH.split(line)[0].rstrip())
-        statement = Statement(main[place:], start + place)
+        main = WITH.split(line, maxsplit=1)[0][place:]
+        statement = Statement(APPROXIMATION.sub("", main), start + place)
         values = [*statement.values]
         if is_circle and len(values) == 3 and statement.word(values[2]).upper().startswith("CA"):
             values.pop()
@@ -387,47 +369,41 @@ class _Reader:
     def _goal(self, routine: str, statement: Statement, value: Any) -> Goal:
         """Return a point: an aggregate, or a name that has one."""
         text_index = 0
-        if not value or statement.group(value, "{") is None:
-            name = statement.name(value) if value else ""
+        if statement.group(value, "{") is None:
+            name = statement.name(value)
             if not name or "." in name:
-                return Goal(reason=f"target {_text_of(statement)} is an expression")
+                text = " ".join(statement.text.split())[:60]
+                return Goal(reason=f"target {text} is an expression")
             declared, cause = self.names.find(routine, name)
             if declared is None:
                 return Goal(reason=f"target {name} {cause}")
             statement, value, text_index = declared.statement, declared.value, declared.text_index
-        components, reason = _components(statement, value)
-        has_joints = any(name in components for name in JOINTS)
+        components = _components(statement, value)
+        has_joints = not components.keys().isdisjoint(JOINTS)
         names = JOINTS if has_joints else POSE
-        numbers = tuple(components.get(name) for name in names)
-        external = [components.get(name) for name in EXTERNAL]
-        for name, number in zip((*names, *EXTERNAL), (*numbers, *external), strict=True):
-            if isinstance(number, str):
-                reason = reason or f"{name} {number} is an expression"
-        if not reason and not any(numbers):
-            reason = "the target has no position"
-        if reason:
-            return Goal(reason=reason)
-        axes = tuple(axis.value if isinstance(axis, Number) else np.nan for axis in external)
-        config = [components.get(name) for name in ("S", "T")]
-        numbers_of_config = tuple(
-            part for part in config if isinstance(part, Number) and abs(part.value) < 2**31
-        )
-        if len(numbers_of_config) < 2 and any(config):
+        for name, number in components.items():
+            if isinstance(number, str) and (name in names or name in EXTERNAL):
+                return Goal(reason=f"{name} {number} is an expression")
+        numbers: Any = tuple(map(components.get, names))
+        if not any(numbers):
+            return Goal(reason="the target has no position")
+        axes: Any = map(components.get, EXTERNAL)
+        external = tuple(axis.value if axis else np.nan for axis in axes)
+        config: Any = tuple(components[name] for name in ("S", "T") if name in components)
+        if not all(isinstance(part, Number) and abs(part.value) < 2**31 for part in config) or (
+            len(config) == 1
+        ):
             return Goal(reason="S and T are not two literal numbers")
-        if has_joints or len(numbers_of_config) < 2:
-            return Goal(numbers, has_joints, (), axes, text_index)  # type: ignore[arg-type]
-        status, turn = numbers_of_config
+        if has_joints or not config:
+            return Goal(numbers, has_joints, (), external, text_index)
+        status, turn = config
         status = status._replace(value=float(int(status.value) & 7))
-        return Goal(numbers, False, (status, turn), axes, text_index)  # type: ignore[arg-type]
-
-
-def _text_of(statement: Statement) -> str:
-    return " ".join(statement.text.split())[:60]
+        return Goal(numbers, False, (status, turn), external, text_index)
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Yield the statements of a text, with their places."""
-    for match in re.finditer(r"[^\s][^\r\n]*", without_comments(text, COMMENT)):
+    for match in re.finditer(r"[^\s][^\r\n]*", text):
         yield match.start(), match[0].rstrip()
 
 
@@ -435,26 +411,17 @@ def _mode(word: str) -> Any:
     return "#BASE" if word.upper() == "#BASE" else Unknown(f"the tool is not on the robot: {word}")
 
 
-def _components(statement: Statement, value: Any) -> tuple[dict[str, Number | str], str]:
-    """Return the components of an aggregate, and the reason why there are none."""
-    values = statement.group(value, "{") if value else None
-    if values is None:
-        return {}, "has no aggregate"
+def _components(statement: Statement, value: Any) -> dict[str, Number | str]:
+    """Return the components of an aggregate: numbers, or the texts of other values."""
     components: dict[str, Number | str] = {}
-    for inner in values:
+    for inner in statement.group(value, "{") or ():
         words = [statement.tokens[item] for item in inner if isinstance(item, int)]
         while len(words) > 2 and (words[0][0].endswith(":") or words[1][0] == ":"):
             words = words[1 + (words[1][0] == ":") :]  # its type: {E6POS: X 0}
         name = words[0][0].upper() if words else "?"
-        text = words[1][0] if len(words) == 2 and isinstance(inner[-1], int) else ""
-        bits, number = BITS.fullmatch(text), statement.number(inner[-1:])
-        if bits:
-            value = float(int(bits[1], 2) if bits[1] else int(bits[2], 16))
-            places = (statement.start + words[1].start(), statement.start + words[1].end())
-            components[name] = Number(value, *places)
-        else:
-            components[name] = number if number and text else statement.word(inner)[len(name) :]
-    return components, ""
+        number = statement.number(inner[-1:]) if len(words) == 2 else None
+        components[name] = number or statement.word(inner)[len(name) :]
+    return components
 
 
 def matches(written: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
@@ -485,7 +452,7 @@ LANGUAGE = Language(
         r"(?<![\w$.#])(?:S?PTP|S?LIN|S?CIRC|SPL)(?:_REL)?(?:[ \t]+[A-Z$]|[ \t]*[{(])", re.I
     ),
     decimals=(4, 5),
-    read=read,
+    reader=_Reader,
     to_rotations=lambda turns: euler_rotations("ZYX", turns),
     configurations=configurations,
     companions=("*.dat", "$config.dat"),

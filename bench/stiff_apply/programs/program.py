@@ -10,7 +10,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -92,8 +92,8 @@ class LeftMotion(NamedTuple):
     reason: str
 
 
-class Reading(NamedTuple):
-    """Describe a program: routines, names, the state at the start, and text without comments."""
+class Reading(Protocol):
+    """A program that is read: routines, names, state at the start, and text without comments."""
 
     routines: dict[str, Routine]
     names: Names
@@ -117,7 +117,7 @@ class Language:
         n_turns: count of numbers of an orientation.
         motion: begin of a motion.
         decimals: least decimals of lengths and joint angles.
-        read: reads the texts; names of other routines that do not change the state.
+        reader: reads the texts; names of other routines that do not change the state.
         to_rotations: (n, n_turns) numbers -> (n, 3, 3) rotations.
         configurations: (n, 3) signs of shoulder, elbow and wrist (`arm_signs`) and (n, n_joints)
             controller's joint angles, rad -> (n, k) numbers of the configuration; None if targets
@@ -135,7 +135,7 @@ class Language:
     n_turns: int
     motion: re.Pattern[str]
     decimals: tuple[int, int]
-    read: Callable[[Sequence[str], Collection[str]], Reading]
+    reader: Callable[[Sequence[str], Collection[str]], Reading]
     to_rotations: Callable[[FloatArray], FloatArray]
     configurations: Callable[[FloatArray, FloatArray], FloatArray] | None
     companions: tuple[str, ...] = ()
@@ -237,7 +237,7 @@ def program_table(
     Raises:
         DataError: it has no motion.
     """
-    reading = language.read(texts, harmless)
+    reading = language.reader(texts, harmless)
     state_of = Flow(reading.routines, reading.state).at
     motions = [
         item
@@ -249,9 +249,8 @@ def program_table(
     motions.sort(key=lambda motion: motion.start)
     if not motions:
         raise DataError(f"{paths[0]}: no motion of {language.name} in this program")
-    ends = np.array([i for i, character in enumerate(texts[0]) if character == "\n"])
-    starts = [motion.start for motion in motions]
-    motion_lines = 1 + np.searchsorted(ends, starts)
+    ends = [match.start() for match in re.finditer("\n", texts[0])]
+    motion_lines = 1 + np.searchsorted(ends, [motion.start for motion in motions])
     rows, reasons = list[tuple[Any, ...]](), list[str]()
     frames: dict[tuple[Frame, Frame], int] = {}
     last_goals: dict[Any, tuple[Goal, Any]] = {}

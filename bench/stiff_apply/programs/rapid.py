@@ -27,7 +27,7 @@ from stiff_apply.programs.flow import (
     headed,
     lost_state,
 )
-from stiff_apply.programs.program import NEAR_ZERO, Goal, Language, Motion, Reading
+from stiff_apply.programs.program import NEAR_ZERO, Goal, Language, Motion
 from stiff_apply.programs.statements import (
     WORD,
     Declared,
@@ -129,22 +129,17 @@ UNUSED_AXIS = 9e8
 """External axes at or beyond this number (9E9) are not used."""
 
 
-def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
-    """Read the motions of a module."""
-    return _Reader(texts[0], harmless).reading
-
-
 class _Reader:
     """Reads names first, then statements."""
 
-    def __init__(self, text: str, harmless: Collection[str]) -> None:
+    def __init__(self, texts: Sequence[str], harmless: Collection[str]) -> None:
         self.names, self.routines = Names(), {"": Routine("", entry="file")}
         self.frames: dict[tuple[str, str, str], Any] = {}
         self.harmless = {name.lower() for name in harmless}
         self.changing = set[str]()
         self.constants, self.passed = set[tuple[str, str]](), list[tuple[str, str, str]]()
-        text = without_comments(text, COMMENT)
-        statements = [*self._by_routine(text)]
+        self.state, self.text = STATE, without_comments(texts[0], COMMENT)
+        statements = [*self._by_routine(self.text)]
         for routine, start, statement in statements:
             self._note_names(routine.name, start, statement)
         for scope, name, call in self.passed:
@@ -154,7 +149,6 @@ class _Reader:
         self.names.finish()
         for routine, start, statement in statements:
             routine.items += self._items(routine.name, start, statement)
-        self.reading = Reading(self.routines, self.names, STATE, text)
 
     def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, str]]:
         """Yield statements with their routines; "" is outside of routines."""
@@ -438,7 +432,7 @@ LANGUAGE = Language(
     n_turns=4,
     motion=re.compile(r"\bMove(?:L|J|C|AbsJ)\b(?=[\s\\])(?!\s*:?=)", re.I),
     decimals=(4, 5),
-    read=read,
+    reader=_Reader,
     to_rotations=quaternion_rotations,
     configurations=configurations,
     config_names=("cf1", "cf4", "cf6", "cfx"),

@@ -20,7 +20,11 @@ INDEX: "w"
 """
 """Nesting of a statement, of which each word and number is written as "w"."""
 TOKEN = re.compile(r'"[^"\r\n]*"|[\[\](){},]|[^\s\[\](){},"]+|"')
-NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?", re.IGNORECASE)
+NUMBER = re.compile(
+    r"[+-]?(\d+(\.\d*)?|\.\d+)(E[+-]?\d+)?|'(?:B(?P<two>[01]{1,31})|H(?P<sixteen>[0-9A-F]{1,7}))'",
+    re.IGNORECASE,
+)
+"""A number; KRL also has 'B010' and 'H2'."""
 STRING = re.compile(r"\"[^\"\r\n]*\"")
 WORD = re.compile(r"[A-Za-z_$]\w*")
 LARGEST = 1e100
@@ -117,9 +121,16 @@ class Statement:
         if len(value) != 1 or not isinstance(value[0], int):
             return None
         token = self.tokens[value[0]]
-        if not NUMBER.fullmatch(token[0]) or not abs(float(token[0])) < LARGEST:
+        match = NUMBER.fullmatch(token[0])
+        if match is None:
             return None
-        return Number(float(token[0]), self.start + token.start(), self.start + token.end())
+        if match.lastgroup:
+            number = float(int(match[match.lastgroup], 2 if match["two"] else 16))
+        else:
+            number = float(token[0])
+        if not abs(number) < LARGEST:
+            return None
+        return Number(number, self.start + token.start(), self.start + token.end())
 
     def word(self, value: Sequence[Any]) -> str:
         """Return the words of a value up to its first bracket, without spaces."""
@@ -240,6 +251,13 @@ class Names:
         if declared is None or changes:
             return None, changes[0][1] if changes else "is a variable"
         return declared, ""
+
+    def literal(
+        self, routine: str, statement: Statement, value: Sequence[Any]
+    ) -> tuple[Declared | None, str]:
+        """Return a value, or of a value that is a name the literal value, or the cause."""
+        name = statement.name(value)
+        return self.find(routine, name) if name else (Declared("", statement, value), "")
 
     def mentioned(self, text: str) -> Iterator[str]:
         """Yield the names in a text, and the names that their values depend on."""

@@ -23,7 +23,7 @@ from stiff_apply.programs.flow import (
     headed,
     lost_state,
 )
-from stiff_apply.programs.program import NO_FRAME, Goal, Language, Motion, Reading
+from stiff_apply.programs.program import NO_FRAME, Goal, Language, Motion
 from stiff_apply.programs.statements import (
     WORD,
     Declared,
@@ -90,25 +90,19 @@ NEEDS = ("force", "conveyor", "offset", "other")
 STATE: dict[str, Any] = {LAST: None, "tool": Frame("set_tcp"), **dict.fromkeys(NEEDS, "")}
 
 
-def read(texts: Sequence[str], harmless: Collection[str]) -> Reading:
-    """Read the motions of a program."""
-    return _Reader(texts[0], harmless).reading
-
-
 class _Reader:
     """Reads names first, then statements."""
 
-    def __init__(self, text: str, harmless: Collection[str]) -> None:
+    def __init__(self, texts: Sequence[str], harmless: Collection[str]) -> None:
         self.names, self.routines = Names(takes_single=True), {"": Routine("", entry="file")}
         self.harmless, self.remotes = {*harmless}, set[str]()
-        text = without_comments(text, COMMENT)
-        statements = [*self._by_routine(text)]
+        self.state, self.text = STATE, without_comments(texts[0], COMMENT)
+        statements = [*self._by_routine(self.text)]
         for routine, start, statement in statements:
             self._note_names(routine.name, start, statement)
         self.names.finish()
         for routine, start, statement in statements:
             routine.items += self._items(routine.name, start, statement)
-        self.reading = Reading(self.routines, self.names, STATE, text)
 
     def _by_routine(self, text: str) -> Iterator[tuple[Routine, int, Any]]:
         """Yield statements with their routines; ends of blocks are jumps."""
@@ -316,7 +310,7 @@ LANGUAGE = Language(
     n_turns=3,
     motion=re.compile(r"(?<![\w.])move[ljpc][ \t]*\("),
     decimals=(7, 7),
-    read=read,
+    reader=_Reader,
     to_rotations=vector_rotations,
     configurations=None,
 )
