@@ -42,7 +42,7 @@ from stiff_bench.parameter_types import (
 from stiff_bench.run.progress import display
 from stiff_bench.tables.units import counted
 from stiff_datasets.measured.sample_columns import MM_PER_M
-from stiff_protocols.contract.display import row_ranges
+from stiff_protocols.contract.display import MAX_RUNS_SHOWN, row_ranges
 from stiff_protocols.contract.errors import ConfigError, DataError, ModelError
 from stiff_protocols.contract.files import check_new_file
 from stiff_protocols.contract.stiffness_model import offers
@@ -60,8 +60,6 @@ FRAME_TEXTS = {
 }
 HELD_TOLERANCE = 0.01
 """deg or mm: external axes that differ less are at one place; controllers round them to 0.001."""
-MOST_LISTED = 10
-"""Largest number of lines in a note."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +105,7 @@ class CorrectedProgram:
             ("configuration does not fit the pose", self.unfit_configurations),
         ):
             if numbers:
-                lines.append(f"{text}: {_listed([f'line {number}' for number in numbers])}")
+                lines.append(f"{text}: {_line_numbers(numbers, MAX_RUNS_SHOWN)}")
         lines += self.notes
         if self.left_motions:
             lines.append(f"left as they were: {counted(len(self.left_motions), 'motion')}")
@@ -437,8 +435,8 @@ def _causes(left_motions: Sequence[LeftMotion]) -> list[str]:
     for motion in left_motions:
         by_reason.setdefault(motion.reason, []).append(motion)
     return [
-        f"line{'s' * (len(motions) > 1)} {row_ranges([motion.line for motion in motions], None)}: "
-        f"{_short(motions[0].text)}: {reason}"
+        f"{_line_numbers([motion.line for motion in motions], None)}: {_short(motions[0].text)}: "
+        f"{reason}"
         for reason, motions in by_reason.items()
     ]
 
@@ -447,6 +445,5 @@ def _short(text: str) -> str:
     return text if len(text) <= 50 else text[:47] + "..."
 
 
-def _listed(texts: Sequence[str]) -> str:
-    n_more = len(texts) - MOST_LISTED
-    return ", ".join(texts[:MOST_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")
+def _line_numbers(numbers: Sequence[int], most: int | None) -> str:
+    return f"line{'s' * (len(numbers) > 1)} {row_ranges(numbers, most)}"

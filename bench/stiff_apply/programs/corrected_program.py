@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
@@ -262,11 +262,16 @@ def corrected_texts(
     numbers[pose_rows, :3] = lengths_in_base(language, bases, targets.position[pose_rows])
     angles = controller_of(robot).from_description(q[joint_rows]) / language.radians
     numbers[joint_rows, : robot.n_joints] = angles
-    edits = {
-        (int(program.text_index[row]), *edit[:2], place): Edit(int(program.text_index[row]), *edit)
-        for row in rows.tolist()
-        for place, edit in enumerate(_new_numbers(program, row, numbers[row]))
-    }
+    edits: dict[tuple[int, ...], Edit] = {}
+    columns = (rows, program.text_index[rows], program.places[rows], numbers[rows])
+    for row, text_index, places, values in zip(*(c.tolist() for c in columns), strict=True):
+        text, has_joints = program.texts[text_index], bool(program.has_joints[row])
+        for column, ((start, end), value) in enumerate(zip(places, values, strict=True)):
+            if value == value:
+                new = number_text(value, text[start:end], language.decimals[has_joints])
+                name = f"A{column + 1}" if has_joints else "XYZ"[column]
+                new = new if end > start else f",{name} {new}"
+                edits[text_index, start, end, column] = Edit(text_index, start, end, new)
     changed = []
     if language.configurations is not None and len(pose_rows):
         before = configuration_numbers(language, robot, q_before[pose_rows])
@@ -279,16 +284,3 @@ def corrected_texts(
             edits[text_index, start, end, -1] = Edit(text_index, start, end, str(int(after[i, j])))
             changed.append(row)
     return edited_texts(program.texts, [*edits.values()]), sorted({*changed})
-
-
-def _new_numbers(
-    program: RobotProgram, row: int, numbers: FloatArray
-) -> Iterator[tuple[int, int, str]]:
-    """Yield place and text of the new numbers of a target."""
-    has_joints, text = bool(program.has_joints[row]), program.texts[program.text_index[row]]
-    for column, (start, end) in enumerate(program.places[row].tolist()):
-        if numbers[column] == numbers[column]:
-            old, decimals = text[start:end], program.language.decimals[has_joints]
-            name = f"A{column + 1}" if has_joints else "XYZ"[min(column, 2)]
-            new = number_text(float(numbers[column]), old, decimals)
-            yield start, end, new if end > start else f",{name} {new}"

@@ -183,24 +183,18 @@ class _Reader:
                 self.constants.add((routine, match["name"].lower()))
             return
         text = statement[_compact(statement) :]
-        arguments = ""
         if match := ASSIGNMENT.match(text):
             self.names.assign(routine, match["name"], None, "is assigned in the program")
             self.names.note_sources(match["name"], text[match.end() :])
         first = re.match(r"[%\w]*", text)[0]  # type: ignore[index]
-        if search := SEARCH.match(text):
+        patterns = (MOTION, SETTING, HARMLESS)
+        is_known = match or first.lower() in self.routines or first.upper() in FLOW
+        is_known = is_known or any(pattern.match(text) for pattern in patterns)
+        arguments = ""
+        if first.lower() in self.changing or WRITER.match(text) or not is_known:
+            arguments = text[len(first) :]
+        elif search := SEARCH.match(text):
             arguments = search[1]
-        elif WRITER.match(text) or not (
-            match
-            or first.lower() in self.routines
-            or MOTION.match(text)
-            or SETTING.match(text)
-            or HARMLESS.match(text)
-            or first.upper() in FLOW
-        ):
-            arguments = text[len(first) :]
-        if first.lower() in self.changing:
-            arguments = text[len(first) :]
         for name, end in self._functions(statement):
             if name in self.changing or name not in self.routines:
                 arguments += ARGUMENTS.match(statement, end)[0]  # type: ignore[index]
@@ -237,13 +231,14 @@ class _Reader:
             return
         if ASSIGNMENT.match(statement) or DATA.match(statement) or not statement.strip(" ;"):
             return
-        label = re.fullmatch(r"([A-Z_]\w*)\s*:", statement, re.IGNORECASE)
-        if label:
+        if label := re.fullmatch(r"([A-Z_]\w*)\s*:", statement, re.IGNORECASE):
             yield Jump("label", label[1].lower())
         elif word == "GOTO":
             yield Jump("goto", statement[4:].strip(" ;\r\n\t").lower())
         elif match := SETTING.match(statement):
-            yield _setting(match, short)
+            key, way = match["word"].lower(), (match["way"] or match["switch"] or "").lower()
+            ways = {"on": True, "off": False} if key[:4] == "conf" else {"off": "", "deact": ""}
+            yield Setting({key: ways.get(way, Unknown(f"moved by {short}"))})
         elif word and word.lower() in self.routines:
             yield Call(word.lower())
         elif not HARMLESS.match(statement) and word.lower() not in self.harmless:
@@ -275,15 +270,8 @@ class _Reader:
         form, family = (match["form"] or "").lower(), (match["family"] or "").lower()
         kind = "circle" if form == "c" else "joint" if form.endswith("j") else "linear"
         motion = Motion(start, start + len(text), routine, kind, needs=NEEDS)
-        is_read = (
-            family in PLACES
-            and form != "extj"
-            and (match["more"] or "").lower()
-            not in (
-                "sync",
-                "ios",
-            )
-        )
+        more = (match["more"] or "").lower()
+        is_read = family in PLACES and form != "extj" and more not in ("sync", "ios")
         statement = Statement(text[match.end() :].rstrip(" ;\r\n\t"), start + match.end())
         values = [*statement.values]
         while values and statement.word(values[0]).startswith("\\"):
@@ -348,15 +336,6 @@ class _Reader:
             else:
                 self.frames[key] = _frame_of(name, declared)
         return self.frames[key]
-
-
-def _setting(match: re.Match[str], short: str) -> Setting:
-    """Return the effect of an instruction that sets the state."""
-    word, way = match["word"].lower(), (match["way"] or match["switch"] or "").lower()
-    unknown = Unknown(f"moved by {short}")
-    if word.startswith("conf"):
-        return Setting({word: {"on": True, "off": False}.get(way, unknown)})
-    return Setting({word: "" if way in ("off", "deact") else unknown})
 
 
 def _words(statement: Statement, value: Any) -> list[str]:

@@ -197,15 +197,12 @@ class _Reader:
         place = statement.index("(")
         arguments = _arguments(statement[place:], 0) or [("", Statement("", 0))]
         content = arguments[0][1]
-        value = content.only_value
-        if name := content.name(value) if value else "":
-            declared, _ = self.names.find(routine, name)
-            if declared is None and not self.names.is_used(routine, name) and "[" not in name:
-                return Frame(name)
-            if declared is None:
-                return Unknown(where)
-            content, value = declared.statement, declared.value
-        numbers = content.numbers(value, "[", "p") or []
+        name = content.name(content.only_value)
+        declared, _ = self.names.literal(routine, content, content.only_value)
+        if declared is None:
+            is_other = not self.names.is_used(routine, name) and "[" not in name
+            return Frame(name) if is_other else Unknown(where)
+        numbers = declared.statement.numbers(declared.value, "[", "p") or []
         if len(numbers) != 6:
             return Unknown(where)
         return Frame("set_tcp", tuple(number.value for number in numbers))
@@ -228,16 +225,12 @@ class _Reader:
 
     def _goal(self, routine: str, statement: Statement) -> Goal:
         """Return a point: a pose, joint angles, or a name that has one."""
-        value = statement.only_value
-        text = " ".join(statement.text.split())[:60]
-        name, field = statement.name(value) if value else "", ""
-        if name:
-            declared, cause = self.names.find(routine, name)
-            name, _, field = name.partition(".")
-            if declared is None or "[" in name:
-                return Goal(reason=f"target {text} {cause or 'is an expression'}")
-            statement, value = declared.statement, declared.value
-        if field:
+        text, name = " ".join(statement.text.split())[:60], statement.name(statement.only_value)
+        declared, cause = self.names.literal(routine, statement, statement.only_value)
+        if declared is None or "[" in name:
+            return Goal(reason=f"target {text} {cause or 'is an expression'}")
+        statement, value = declared.statement, declared.value
+        if field := name.partition(".")[2]:
             place = statement.text.find("(")
             fields = dict(_arguments(statement.text[place:], statement.start + place) or ())
             statement = fields.get(field, Statement("", 0))
