@@ -335,15 +335,17 @@ def _joints(
     near = task.near if task.start is None else task.start
     lever = points[source.frame_index] - robot.tcp
     of_robot = poses.position - np.einsum("nij,nj->ni", poses.rotation, lever)
-    chosen = choose_joints(source, robot, of_robot, poses.rotation, poses.q, near, problem)
+    q, problem, fits = choose_joints(
+        source, robot, of_robot, poses.rotation, poses.q, near, problem
+    )
     position, rotation = poses.position.copy(), poses.rotation.copy()
     joints = np.flatnonzero(source.has_joints)
-    stands = robot.forward(chosen.q[joints])
+    stands = robot.forward(q[joints])
     rotation[joints] = stands.rotation
     position[joints] = stands.points[:, -1] + np.einsum(
         "nij,nj->ni", stands.rotation, lever[joints]
     )
-    return position, rotation, chosen.q, chosen.problem, chosen.config_fits
+    return position, rotation, q, problem, fits
 
 
 def _given_loads(source: RobotProgram, task: ToolTask, loads: Path | str | None) -> FloatArray:

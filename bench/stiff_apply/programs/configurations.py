@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -24,22 +23,6 @@ SINGULAR = "singular: the joints cannot correct it"
 FLIPS = "on the other side of a singularity than the target before"
 
 
-@dataclass(frozen=True, eq=False)
-class ChosenJoints:
-    """Joint positions at a program's targets.
-
-    Attributes:
-        q: (n, n_joints) joint positions of the description, rad or m; NaN if there are none.
-        problem: (n,) reason why the target cannot be reached or corrected; "" if it can.
-        config_fits: (n,) true if the written configuration fits `q`, or no configuration is
-            written.
-    """
-
-    q: FloatArray
-    problem: TextArray
-    config_fits: BoolArray
-
-
 def configuration_numbers(language: Language, robot: Robot, q: FloatArray) -> FloatArray:
     """Return (n, k) configuration numbers of a language; (n, 0) if it has none."""
     if language.configurations is None or robot.n_joints != 6:
@@ -56,7 +39,7 @@ def choose_joints(
     q: FloatArray,
     start: FloatArray,
     problem: TextArray,
-) -> ChosenJoints:
+) -> tuple[FloatArray, TextArray, BoolArray]:
     """Return joint positions for each target.
 
     The written configuration is used. If there is none, or if the language does not require it on
@@ -71,6 +54,11 @@ def choose_joints(
         q: (n, n_joints) see `ProgramPoses`.
         start: (n_joints,) joint positions near the first target, rad or m.
         problem: (n,) why a target is not known; "" if it is.
+
+    Returns:
+        (n, n_joints) joint positions of the description, rad or m, NaN if there are none; (n,)
+        reasons why targets cannot be reached or corrected, "" if they can; (n,) true if the written
+        configuration fits, or none is written.
     """
     n, problem = len(program), problem.astype(object)
     chosen = q.copy()
@@ -124,7 +112,7 @@ def choose_joints(
         flips = np.r_[False, np.diff(sign) != 0] & program.is_linear[driven]
         flips &= np.r_[False, np.diff(driven) == 1] & program.follows[driven] & ~singular
         problem[driven[flips]] = FLIPS
-    return ChosenJoints(chosen, problem.astype(str), config_fits)
+    return chosen, problem.astype(str), config_fits
 
 
 def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[FloatArray]:

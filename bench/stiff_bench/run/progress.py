@@ -18,7 +18,7 @@ from stiff_protocols.contract.progress import Progress, listening
 from stiff_protocols.contract.record import FitResult
 
 with warnings.catch_warnings(action="ignore"):  # of a notebook without ipywidgets, which gets text
-    from tqdm.auto import tqdm
+    from tqdm.autonotebook import tqdm  # tqdm.auto imports asyncio, too
 
 SHOWN_LOG_LINES = 6
 SECONDS_BETWEEN_LINES = 5.0
