@@ -11,17 +11,8 @@ import numpy as np
 
 from stiff_apply.programs.configurations import configuration_numbers
 from stiff_apply.programs.flow import LAST, Flow, Setting, State
-from stiff_apply.programs.frames import (
-    ProgramPoses,
-    controller_of,
-    lengths_in_base,
-)
-from stiff_apply.programs.program import (
-    Edit,
-    RobotProgram,
-    edited_texts,
-    number_text,
-)
+from stiff_apply.programs.frames import ProgramPoses, controller_of, lengths_in_base
+from stiff_apply.programs.program import Edit, RobotProgram, edited_texts, number_text
 from stiff_protocols.contract.types import (
     BoolArray,
     Deflection,

@@ -16,13 +16,7 @@ from typing import Any
 import numpy as np
 
 from stiff_apply.programs.flow import LAST, Frame, Jump, Routine, Setting, Unknown, Value
-from stiff_apply.programs.program import (
-    NEAR_ZERO,
-    NO_FRAME,
-    Goal,
-    Language,
-    Motion,
-)
+from stiff_apply.programs.program import NEAR_ZERO, NO_FRAME, Goal, Language, Motion
 from stiff_apply.programs.statements import Names, Number
 from stiff_apply.rotations import euler_rotations
 from stiff_protocols.contract.types import FloatArray

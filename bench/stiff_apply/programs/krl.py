@@ -85,13 +85,8 @@ FUNCTIONS = frozenset(
     "EK EO EB SVEL_CP SVEL_JOINT STOOL STOOL2 SBASE SIPO_MODE SLOAD SAPO SAPO_PTP".split()
 )
 STATE: dict[str, Any] = {
-    **{
-        LAST: None,
-        "base": Frame("$BASE"),
-        "tool": Frame("$TOOL"),
-        "mode": "#BASE",
-        "root": "$ROBROOT",
-    },
+    **{LAST: None, "mode": "#BASE", "root": "$ROBROOT"},
+    **{"base": Frame("$BASE"), "tool": Frame("$TOOL")},
     **dict.fromkeys(
         ("fdat base", "fdat tool", "fdat mode"),
         Unknown("BAS(..) sets the frames of FDAT_ACT, which are not set before"),
