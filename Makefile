@@ -26,7 +26,7 @@ lint: $(READY)
 # LONG=1: the benchmarks of many minutes, too. ONLY=EXPRESSION: some of them (pytest's -k), on screen.
 PAGE = $(if $(ONLY),/dev/stdout,results/performance.md)
 perf: $(READY)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev,perf]"
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[dev,perf]"
 	OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
 	    tests/perf/perf_*.py --benchmark-only --benchmark-quiet --benchmark-json=$(VENV)/perf.json \
 	    -v -rs -p no:xdist -p no:cacheprovider -m "$(if $(LONG),,not slow)" -k "$(ONLY)"
@@ -41,7 +41,7 @@ leaderboard: $(READY)
 $(READY): pyproject.toml constraints.txt
 	@echo "setting up $(VENV): a minute or more"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[dev]"
 	touch $(READY)
 
 clean:
