@@ -16,7 +16,7 @@ from fuzz.readers import READERS, PreparedReader
 
 from stiff_protocols.contract.errors import StiffBenchError, StiffBenchWarning
 
-FEW, MANY = 20, int(os.environ.get("FUZZ_INPUTS", "200"))
+FEW, MANY = 8, int(os.environ.get("FUZZ_INPUTS", "200"))
 """Number of inputs per reader."""
 SECONDS = 2.0
 """Limit of processor time per input; more is a hang."""

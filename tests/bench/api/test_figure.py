@@ -64,6 +64,7 @@ def test_a_suffix_that_names_no_format_is_refused_before_results_are_read(tmp_pa
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.slow
 def test_the_robot_of_a_data_set_needs_no_results(tmp_path):
     words = ["figure", "robot", "--dataset", "kr10-twin"]
     done = bench_here(*words, "--row", "3", "--output", "a.svg", cwd=tmp_path)

@@ -99,9 +99,13 @@ def test_from_the_plan_to_results_with_ones_own_file(tmp_path, home):
 @pytest.mark.parametrize(
     ("robot", "options"),
     [
-        ("kr10-r1100-2", {"poses": 20, "candidates": 200}),
+        pytest.param("kr10-r1100-2", {"poses": 20, "candidates": 200}, marks=pytest.mark.slow),
         ("ur5", {"poses": 8, "candidates": 200}),  # few, and its last joint hardly moves the TCP
-        ("gp12", {"poses": 12, "candidates": 200, "criterion": "i-optimal"}),
+        pytest.param(
+            "gp12",
+            {"poses": 12, "candidates": 200, "criterion": "i-optimal"},
+            marks=pytest.mark.slow,
+        ),
         *(
             pytest.param(name, {}, marks=pytest.mark.slow)
             for name in shipped_twins()

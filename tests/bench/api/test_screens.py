@@ -87,6 +87,7 @@ def test_names_in_files_are_printed_without_control_signs(given, tmp_path):
     assert "\x1b" not in card and r"\x1b[2J" in card
 
 
+@pytest.mark.slow
 def test_results_of_a_model_are_those_of_its_name_and_an_unknown_name_is_refused(given):
     assert {fit.presentation.model for fit in given.results["knn"].fits} == {"knn"}
     for name in ("gp", 0):

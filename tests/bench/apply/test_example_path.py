@@ -23,7 +23,11 @@ def few_centres(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "name", ["kr10-twin", pytest.param("ur5-twin", marks=pytest.mark.slow), "fanuc-r2000ic"]
+    "name",
+    [
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("kr10-twin", "ur5-twin")),
+        "fanuc-r2000ic",
+    ],
 )
 def test_path_and_load_lie_inside_the_training_range_and_can_be_driven(name):
     data = sb.load_dataset(name)

@@ -56,6 +56,7 @@ def test_both_conditions_share_rows_and_model_seed_and_are_stored_apart(cross_ta
     assert len({task.fit.model_seed for task in tasks}) == 2  # one per split
 
 
+@pytest.mark.slow
 def test_with_the_foreign_source_a_cell_and_its_intervals_are_those_of_that_source(cross_tasks):
     pretrained = "mlp-pretrained@width=8@pretrain_steps=3"
     own_task, foreign_task, *_ = (

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,10 @@ from helpers.command_line import bench, bench_here, n_stored, started, wait_unti
 from stiff_bench.store.database import read_manifests, read_results
 from stiffbench.main import INTERRUPTION
 
-pytest.importorskip("distributed", reason="needs the extra 'cluster'")
-pytestmark = pytest.mark.xdist_group("dask")  # one cluster
+pytestmark = [
+    pytest.mark.xdist_group("dask"),  # one cluster
+    pytest.mark.skipif(not find_spec("distributed"), reason="needs the extra 'cluster'"),
+]
 PLUGIN = str(Path(hostile_models.__file__))
 
 

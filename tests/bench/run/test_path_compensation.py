@@ -125,6 +125,7 @@ def test_the_table_shows_path_errors_and_the_rows_that_no_model_may_know(results
     assert any("path errors" in note for note in table.notes)
 
 
+@pytest.mark.slow
 def test_results_with_and_without_paths_are_of_the_same_data_set(stored_tasks):
     folder, of_protocol = stored_tasks
     every = [*of_protocol.values()]

@@ -147,6 +147,7 @@ def test_the_reference_is_a_vjm_identified_on_the_same_training_side(task_of):
     assert values(ours, "skill") == [0.0] and values(result, "skill")[0] < 0.0
 
 
+@pytest.mark.slow
 def test_costs_are_measured_and_a_slow_model_does_not_predict_a_thousand_rows(task_of):
     row_counts = []
 

@@ -34,6 +34,7 @@ def test_a_plan_lists_the_fits_to_compute_and_writes_nothing(small, tmp_path):
     assert "all" in {row["model"] for row in csv.DictReader(in_csv.splitlines())}
 
 
+@pytest.mark.slow
 def test_a_study_is_run_once_and_its_page_written_of_what_is_stored(small, plugin_file, tmp_path):
     words = ["--study", small, "--plugin", plugin_file("mine"), "--output", "small/runs"]
     done = bench_here("run", *words, cwd=tmp_path)

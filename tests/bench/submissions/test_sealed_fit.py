@@ -124,7 +124,11 @@ def sealed(folder, **options) -> SealedModel:
 
 
 @pytest.mark.parametrize(
-    "trust", [True, pytest.param(False, marks=[pytest.mark.slow, needs_bubblewrap])]
+    "trust",
+    [
+        pytest.param(True, marks=pytest.mark.slow),
+        pytest.param(False, marks=[pytest.mark.slow, needs_bubblewrap]),
+    ],
 )
 def test_a_sealed_fit_predicts_what_a_fit_here_does(submission_of, task, given, trust):
     folder = submission_of(HEAD.format(body="    pass"))

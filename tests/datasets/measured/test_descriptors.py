@@ -154,6 +154,7 @@ def test_every_column_has_a_meaning_and_every_number_a_unit(name):
         assert ("unit" in column) == (column["type"] == "number")
 
 
+@pytest.mark.slow
 def test_the_facts_of_the_card_are_in_both(file):
     card = file.with_suffix(".md")
     card.write_text(

@@ -199,6 +199,7 @@ def test_missing_torques_are_no_mistake_where_that_is_declared(tmp_path):
     assert fanuc.report(path).warnings == (point_warning,)
 
 
+@pytest.mark.slow
 def test_a_mistake_that_makes_a_file_invalid_is_named_beside_its_errors(tmp_path):
     data = clean("kr10-twin", 1)
     report = data.report(tmp_path / "my.csv", added(["q3_deg"], 90.0)(data))

@@ -253,6 +253,7 @@ def test_poses_of_two_names_are_one_suspicion(file_with_names, kr10, tmp_path):
     assert stderr.count("45 pose_ids name 15 poses") == stderr.count("warning") == 1
 
 
+@pytest.mark.slow
 def test_tables_and_arrays_in_memory_are_looked_at_too(repeats, kr10):
     with pytest.warns(StiffBenchWarning, match="450 rows grouped into 150 poses"):
         dataset = sb.Dataset.from_frame(repeats.drop(columns=NAMES), kr10)

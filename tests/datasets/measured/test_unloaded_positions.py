@@ -106,12 +106,14 @@ def test_a_joint_3_that_is_measured_from_the_ground_is_named(measurement, sign, 
     assert word in text
 
 
+@pytest.mark.slow
 def test_a_wrist_joint_that_moves_with_another_is_named(measurement):
     q = measurement.q - np.where(np.arange(6) == 5, measurement.q[:, [4]], 0.0)
     text = text_of(measurement.report(measurement.with_deflections(q)))
     assert "joint A6 looks as if it were coupled to joint A5 (J6 - J5; add q5_deg" in text
 
 
+@pytest.mark.slow
 def test_angles_that_the_urdf_maps_from_its_controller_are_named(measurement):
     controller = Controller(np.ones(6), np.zeros(6), np.eye(4), np.eye(4), j3_from_ground=True)
     robot = replace(measurement.robot, controller=controller)
@@ -183,6 +185,7 @@ def test_a_tracker_frame_is_named_and_undone_only_in_the_report(measurement):
     assert given * 1000.0 == pytest.approx(TURN.apply(measurement.deflection_mm), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("also_deflections", [False, True])
 def test_register_turns_deflections_to_the_base_frame(measurement, also_deflections):
     table = measurement.with_positions(turn=TURN, shift=SHIFT)
@@ -195,6 +198,7 @@ def test_register_turns_deflections_to_the_base_frame(measurement, also_deflecti
     assert moved_mm == pytest.approx(measurement.deflection_mm, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_deflections_with_the_bases_axes_are_not_turned_for_the_positions_frame(measurement):
     table = measurement.with_positions(turn=TURN, shift=SHIFT).drop(columns=[*LOADED_COLUMNS])
     table[[*DEFLECTION_COLUMNS]] = measurement.deflection_mm
@@ -243,6 +247,7 @@ def test_one_position_that_is_far_off_is_named_with_its_row(measurement):
     assert "by 40 mm" in far.message
 
 
+@pytest.mark.slow
 def test_positions_of_a_left_handed_frame_are_named(measurement):
     table = measurement.with_positions()
     table[["y0_mm", "y1_mm"]] *= -1.0

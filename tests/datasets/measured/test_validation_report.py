@@ -230,6 +230,7 @@ def test_repeats_that_differ_are_found(fanucs, rng):
     assert finding.rows == (10, 11, 12, 13)
 
 
+@pytest.mark.slow
 def test_validate_and_the_vjm_name_the_same_joints(kr10, tmp_path, rng):
     q = np.tile(rng.uniform(-1.0, 1.0, 6), (40, 1))
     q[:, :2] = rng.uniform(-1.0, 0.0, (40, 2))  # A1 and A2 move

@@ -69,6 +69,7 @@ def test_no_effect_of_the_unseen_world_is_in_another_world():
     assert len(UNSEEN) >= 4 and not set.union(*worlds.values()) & {*UNSEEN}
 
 
+@pytest.mark.slow
 def test_a_fresh_arm_is_simulated_with_its_urdf(tmp_path):
     words = ("data", "simulate", "--twin", "fresh-arm-17", "--samples", "30", "--world", "unseen")
     assert not bench_here(*words, "--output", "a.csv", cwd=tmp_path).returncode

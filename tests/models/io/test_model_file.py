@@ -12,7 +12,6 @@ import zipfile
 
 import numpy as np
 import pytest
-import skops.io
 import torch
 from sklearn.base import BaseEstimator
 from sklearn.ensemble import (
@@ -71,6 +70,8 @@ REGRESSORS = [
 def test_a_trusted_regressor_predicts_the_same_bits_after_a_round_trip(regressor, rng):
     inputs = rng.normal(size=(120, 4))
     regressor.fit(inputs, inputs @ rng.normal(size=(4, 3)))
+    import skops.io  # takes a second, which collecting the tests would pay
+
     loaded = skops.io.loads(skops.io.dumps(regressor), trusted=list(TRUSTED))
     np.testing.assert_array_equal(loaded.predict(inputs), regressor.predict(inputs))
 
@@ -296,6 +297,8 @@ def test_a_crafted_file_builds_nothing_that_is_not_ours(message, tmp_path):
     ],
 )
 def test_an_object_of_another_type_is_not_built(regressor, name, tmp_path):
+    import skops.io
+
     path, data = saved_model(tmp_path, "vjm"), skops.io.dumps(regressor)
     changed(path, replace_attribute("skops", file="a.skops"), {"a.skops": data})
     with pytest.raises(DataError, match=rf"model\.stiff: .*{name}"):

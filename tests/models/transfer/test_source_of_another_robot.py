@@ -141,6 +141,7 @@ def test_a_copy_keeps_the_source_and_a_new_model_has_none(key, ur5):
     assert type(model)()._source is None
 
 
+@pytest.mark.slow
 def test_a_saved_model_needs_its_source_no_more(target, ur5, tmp_path):
     model = fit_with_source(FtMlp(**TINY, epochs=2), target, ur5)
     model.save(tmp_path / "m")

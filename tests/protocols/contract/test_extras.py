@@ -24,6 +24,7 @@ def installed() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", EXTRAS)
 def test_the_extra_that_a_message_names_installs_the_package(package):
     names = {name.lower().replace("_", "-") for name in installed().get(package, [package])}
