@@ -445,12 +445,14 @@ def _check_journal(path: Path) -> bool:
         StoreError: the journal names another file, which SQLite would delete.
     """
     journal = path.with_name(f"{path.name}-journal")
-    if not journal.exists():
+    try:
+        with journal.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(0, size - len(_SUPER_JOURNAL)))
+            if file.read() == _SUPER_JOURNAL:
+                raise _corrupt(journal, "it names another file")
+    except FileNotFoundError:  # also one that another run's transaction has just removed
         return False
-    with journal.open("rb") as file:
-        file.seek(max(0, journal.stat().st_size - len(_SUPER_JOURNAL)))
-        if file.read() == _SUPER_JOURNAL:
-            raise _corrupt(journal, "it names another file")
     return True
 
 

@@ -10,6 +10,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from contextlib import closing
 from dataclasses import asdict, replace
@@ -463,3 +464,18 @@ def test_a_mark_in_an_options_value_stays_doubled():
     assert without_options(variant.name, "seed") == "p@source=a@@b=1@specimen=2"
     every = {"source": "a@b=1", "seed": 1, "specimen": 2, "b": 1, "other": 0}
     assert Variant.of_stored_name("p", variant.name, every) == variant
+
+
+def test_a_folder_is_read_while_another_thread_stores_fits(tmp_path):
+    store = ResultStore(tmp_path)
+    store.write_fits([result()])
+
+    def write() -> None:
+        for index in range(150):
+            store.write_fits([result(fit=replace(FIT, split_index=index))])
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    while writer.is_alive():  # the journal of a transaction comes and goes
+        assert stored_statuses(tmp_path)
+    assert len(stored_statuses(tmp_path)) == 150
