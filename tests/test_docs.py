@@ -262,6 +262,8 @@ def test_the_commands_of_a_guide_run_from_top_to_bottom(name, prints, tmp_path):
         assert done.returncode == 0, (words, done.stdout, done.stderr)
         printed += done.stdout
     assert [text for text in prints if text not in printed] == []
+    if name == "tutorial":
+        assert len((tmp_path / "predicted.csv").read_text("utf-8").splitlines()) == 61
 
 
 def test_an_agent_is_shown_every_guide_in_a_page_of_at_most_60_lines():

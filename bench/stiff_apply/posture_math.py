@@ -263,9 +263,19 @@ def _whole_turns(robot: Robot, low: FloatArray, high: FloatArray, near: FloatArr
 
     Arguments and result have the shape (.., n_joints).
     """
+    least, most = turn_limits(robot, low, high)
+    nearest = np.rint((near - 0.5 * (low + high)) / FULL_TURN)
+    return np.asarray(np.where(least > most, np.nan, np.clip(nearest, least, most)))
+
+
+def turn_limits(robot: Robot, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return the least and the most whole turns of joints that move low..high inside the limits.
+
+    The result has the shape (2, .., n_joints); where least > most there are none.
+    """
     least = np.ceil((robot.lower - LIMIT_SLACK - low) / FULL_TURN)
     most = np.floor((robot.upper + LIMIT_SLACK - high) / FULL_TURN)
-    nearest = np.rint((near - 0.5 * (low + high)) / FULL_TURN)
-    whole_turns = np.where(robot.turns, np.clip(nearest, least, most), 0.0)
-    outside = np.where(robot.turns, least > most, (least > 0.0) | (most < 0.0))
-    return np.asarray(np.where(outside, np.nan, whole_turns))
+    slides = ~robot.turns  # they have no whole turns
+    least[..., slides] = least[..., slides].clip(min=0.0)
+    most[..., slides] = most[..., slides].clip(max=0.0)
+    return np.array([least, most])

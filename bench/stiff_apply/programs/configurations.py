@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from stiff_apply.posture_math import FULL_TURN, turn_limits
 from stiff_apply.programs.frames import controller_of
 from stiff_apply.programs.program import Language, RobotProgram
 from stiff_protocols.contract.types import BoolArray, FloatArray, Robot, TextArray
@@ -14,7 +15,6 @@ from stiff_protocols.paths.inverse import LIMIT_SLACK, STARTS, all_configuration
 NEAR_RAD = float(np.radians(2.0))
 """A joint this near to a change of sign or turn may have either: programs are rounded, and
 controllers ignore the turn there."""
-FULL_TURN = 2.0 * np.pi
 BLOCK = 2000
 """Number of targets per comparison of configurations."""
 OUT_OF_REACH, BEYOND_LIMITS = "out of reach", "beyond the joint limits in every configuration"
@@ -74,7 +74,7 @@ def choose_joints(
         bound = np.flatnonzero(is_bound[poses] & is_reached)
         turned, *numbers = _with_turns(program.language, robot, ways_of[bound])
         bound_of = dict(zip(poses[bound].tolist(), range(len(bound)), strict=True))
-        limits = _turn_limits(robot, ways_of)
+        limits = turn_limits(robot, ways_of, ways_of)
         number_of = dict(zip(poses.tolist(), range(len(poses)), strict=True))
         for row in rows[problem[rows] == ""].tolist():
             if row not in number_of:
@@ -98,7 +98,7 @@ def choose_joints(
             if not len(ways):  # near a singularity some are missed
                 place = position[[row]], rotation[[row]]
                 more = all_configurations(robot, *place, n_seeds=STARTS)[0]
-                ways = _nearest_turns(more, _turn_limits(robot, more), before)
+                ways = _nearest_turns(more, turn_limits(robot, more, more), before)
             if not len(ways):
                 problem[row] = BEYOND_LIMITS
                 continue
@@ -139,16 +139,6 @@ def _with_turns(language: Language, robot: Robot, ways: FloatArray) -> list[Floa
         for shift in (-NEAR_RAD, NEAR_RAD, 0.0)
     ]
     return [turned, *numbers]
-
-
-def _turn_limits(robot: Robot, ways: FloatArray) -> FloatArray:
-    """Return least and most full turns of (..., n_joints) inside the limits; least > most: none."""
-    least = np.ceil((robot.lower - LIMIT_SLACK - ways) / FULL_TURN)
-    most = np.floor((robot.upper + LIMIT_SLACK - ways) / FULL_TURN)
-    slides = ~robot.turns  # they have no full turns
-    least[..., slides] = least[..., slides].clip(min=0.0)
-    most[..., slides] = most[..., slides].clip(max=0.0)
-    return np.array([least, most])
 
 
 def _nearest_turns(ways: FloatArray, limits: FloatArray, before: FloatArray) -> FloatArray:

@@ -357,18 +357,15 @@ def _point_problems(read_sheet: Sheet) -> list[Problem]:
         text, valid = f"header: missing {', '.join(missing)}", ", ".join(POINT_COLUMNS)
         return [Problem(text, valid)] * (len(missing) < len(POINT_COLUMNS))
     points, problems = _numbers(read_sheet, POINT_COLUMNS)
+    if problems:
+        return problems
     most, is_empty = MM_PER_M * LONGEST_M, np.isnan(points)
     is_wrong = (is_empty & ~is_empty.all(axis=1, keepdims=True)) | (np.abs(points) > most)
-    problems += [
-        cell_problem(
-            read_sheet,
-            row,
-            POINT_COLUMNS[int(is_wrong[row].argmax())],
-            f"at most {most:g} mm; three empty cells where the gauge touches the TCP",
-        )
-        for row in np.flatnonzero(is_wrong.any(axis=1) & (not problems))
+    valid = f"at most {most:g} mm; three empty cells where the gauge touches the TCP"
+    return [
+        cell_problem(read_sheet, row, POINT_COLUMNS[int(is_wrong[row].argmax())], valid)
+        for row in np.flatnonzero(is_wrong.any(axis=1))
     ]
-    return problems
 
 
 def _numbers(

@@ -282,8 +282,7 @@ def interval_at_points(
     if not levers.size:
         return interval
     at_tcp = optional(model, "predict_reading")(q, wrench)
-    shift = predicted_readings(model, q, wrench, levers) - at_tcp
-    return Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
+    return interval.moved(predicted_readings(model, q, wrench, levers) - at_tcp)
 
 
 def interval_at_tcp(
@@ -295,5 +294,4 @@ def interval_at_tcp(
     """
     if not offers(model, "predict_at_tcp"):
         return interval
-    shift = model.predict_at_tcp(q, wrench) - model.predict(q, wrench)
-    return Interval(interval.lower + shift, interval.upper + shift, interval.coverage)
+    return interval.moved(model.predict_at_tcp(q, wrench) - model.predict(q, wrench))

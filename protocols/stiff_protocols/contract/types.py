@@ -217,11 +217,9 @@ class Samples(ShownObject):
         if any(part.directions.size for part in parts):
             parts = tuple(replace(part, directions=_padded(part, most)) for part in parts)
         if any(part.levers.size for part in parts):
-            levers = (
-                part.levers if part.levers.size else np.zeros((len(part), 3)) for part in parts
-            )
             parts = tuple(
-                replace(part, levers=of_part) for part, of_part in zip(parts, levers, strict=True)
+                part if part.levers.size else replace(part, levers=np.zeros((len(part), 3)))
+                for part in parts
             )
         names = [n for n in parts[0].columns if all(n in part.columns for part in parts)]
         columns = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
@@ -347,6 +345,10 @@ class Interval(BriefFields):
     def half_width(self) -> FloatArray:
         """(n,) lengths of the half widths on the three axes, m."""
         return np.asarray(0.5 * np.linalg.norm(self.upper - self.lower, axis=1))
+
+    def moved(self, shift: FloatArray) -> Interval:
+        """Return the interval moved by (n, 3) `shift`, m; its width stays."""
+        return Interval(self.lower + shift, self.upper + shift, self.coverage)
 
 
 def check_coverage(coverage: float) -> None:

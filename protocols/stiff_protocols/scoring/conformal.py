@@ -82,10 +82,11 @@ class SplitConformal(StiffnessModel):
         shuffled = np.random.default_rng(seed).permutation(part.validation)
         _, one_a_pose = np.unique(train.pose_id[shuffled], return_index=True)
         calibration = train.take(shuffled[one_a_pose])
-        predicted = self.predict(calibration.q, calibration.wrench)
-        if calibration.levers.size:
-            loads = calibration.q, calibration.wrench, calibration.levers
-            predicted = predicted_readings(self.model_, *loads)
+        loads, levers = (calibration.q, calibration.wrench), calibration.levers
+        if levers.size:
+            predicted = predicted_readings(self.model_, *loads, levers)
+        else:
+            predicted = self.predict(*loads)
         error = np.abs(predicted - calibration.deflection)
         if calibration.directions.size:  # an axis may err as much as a reading
             read = calibration.read(predicted) - calibration.values
